@@ -1,0 +1,49 @@
+"""mocap-fit: from facial motion capture to the parameters of a face model.
+
+What the common path needs is here, imported when it is first used::
+
+    import mocap_fit as mf
+
+    recording = mf.read_tracks("take_01.tsv")
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0.dev0"
+
+# Name → module. Imports wait until a name is used, so that `import mocap_fit` costs nothing.
+_HOMES: dict[str, str] = {
+    "read_tracks": "mocap_fit.io",
+    "remove_head_motion": "mocap_fit.head",
+    "load_face": "mocap_fit.face",
+    "load_layout": "mocap_fit.fitting",
+    "bind_markers": "mocap_fit.fitting",
+    "fit_orientation": "mocap_fit.fitting",
+    "fit_shape": "mocap_fit.fitting",
+}
+
+if TYPE_CHECKING:
+    from mocap_fit.face import load_face as load_face
+    from mocap_fit.fitting import bind_markers as bind_markers
+    from mocap_fit.fitting import fit_orientation as fit_orientation
+    from mocap_fit.fitting import fit_shape as fit_shape
+    from mocap_fit.fitting import load_layout as load_layout
+    from mocap_fit.head import remove_head_motion as remove_head_motion
+    from mocap_fit.io import read_tracks as read_tracks
+
+__all__ = ["__version__", *_HOMES]  # noqa: PLE0604
+
+
+def __getattr__(name: str) -> Any:
+    try:
+        home = _HOMES[name]
+    except KeyError:
+        raise AttributeError(f"module 'mocap_fit' has no attribute '{name}'") from None
+    return getattr(importlib.import_module(home), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
