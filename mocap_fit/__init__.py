@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from mocap_fit.head import remove_head_motion as remove_head_motion
     from mocap_fit.io import read_tracks as read_tracks
 
-__all__ = ["__version__", *_HOMES]  # noqa: PLE0604
+__all__ = ["__version__", *_HOMES]
 
 
 def __getattr__(name: str) -> Any:

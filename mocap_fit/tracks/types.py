@@ -226,7 +226,7 @@ class MarkerTracks(_Tracks):
         self._check_common()
         positions = self._checked(self.positions, "positions", (3,))
         # A marker with one coordinate missing is missing.
-        gone = np.isnan(positions).any(axis=2)
+        gone: NDArray[np.bool_] = np.isnan(positions).any(axis=2)
         if (np.isnan(positions).all(axis=2) != gone).any():
             positions = np.where(gone[:, :, None], np.nan, positions)
             positions.setflags(write=False)
@@ -252,7 +252,7 @@ class MarkerTracks(_Tracks):
     @property
     def visible(self) -> NDArray[np.bool_]:
         """Which samples are there, `(frames, markers)`."""
-        return self.origin != Origin.MISSING
+        return np.asarray(self.origin != Origin.MISSING)
 
     def between(self, start: float | None = None, end: float | None = None) -> MarkerTracks:
         """The frames with times in ``[start, end)``, in seconds."""
