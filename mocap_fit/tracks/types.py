@@ -226,7 +226,7 @@ class MarkerTracks(_Tracks):
         self._check_common()
         positions = self._checked(self.positions, "positions", (3,))
         # A marker with one coordinate missing is missing.
-        gone: NDArray[np.bool_] = np.isnan(positions).any(axis=2)
+        gone = np.asarray(np.isnan(positions).any(axis=2))
         if (np.isnan(positions).all(axis=2) != gone).any():
             positions = np.where(gone[:, :, None], np.nan, positions)
             positions.setflags(write=False)
