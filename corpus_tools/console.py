@@ -1,0 +1,257 @@
+"""What every command shares: exit statuses, the error boundary, warnings, JSON, progress.
+
+Results go to stdout, everything else to stderr. Nothing here imports a heavy package, so that
+``mocap-fit --help`` stays quick.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from enum import IntEnum
+from typing import Any
+
+from mocap_fit.errors import MocapFitError, MocapFitWarning
+
+PROGRAM = "mocap-fit"
+DEBUG_VARIABLE = "MOCAP_FIT_DEBUG"
+
+
+class Status(IntEnum):
+    """What the program ends with."""
+
+    DONE = 0
+    BAD_DATA = 1
+    WRONG_CALL = 2
+    BUG = 70
+    STOPPED = 130
+    READER_GONE = 141
+
+
+class StoppedError(Exception):
+    """The user pressed Ctrl-C."""
+
+
+class ReaderGoneError(Exception):
+    """Whoever read our output has closed it, as ``head`` does."""
+
+
+@contextlib.contextmanager
+def command_boundary() -> Iterator[None]:
+    """Take Ctrl-C and a closed pipe out of typer's hands.
+
+    Typer's own answers to these two change from version to version; ours go up to `guarded`.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise StoppedError from None
+    except BrokenPipeError:
+        raise ReaderGoneError from None
+
+
+def guarded(action: Callable[[], object]) -> int:
+    """Run a command and return the exit status; no error gets past.
+
+    Bad data and a failing disk are one line on stderr. Anything unexpected is one line too, which
+    says that the fault is ours and how to see the traceback.
+    """
+    try:
+        with warnings_in_one_line():
+            try:
+                action()
+            except SystemExit as stop:
+                status = _exit_status(stop.code)
+            else:
+                status = Status.DONE
+            sys.stdout.flush()
+    except StoppedError:
+        say("stopped")
+        status = Status.STOPPED
+    except KeyboardInterrupt:
+        say("stopped")
+        status = Status.STOPPED
+    except (ReaderGoneError, BrokenPipeError):
+        _close_stdout_quietly()
+        status = Status.READER_GONE
+    except (MocapFitError, OSError, MemoryError) as error:
+        report(error)
+        status = Status.BAD_DATA
+    except Exception as error:
+        if debugging():
+            traceback.print_exc()
+        say(
+            f"error: this is a bug in mocap-fit ({type(error).__name__}: {error}). "
+            f"Set {DEBUG_VARIABLE}=1, run it again, and report the traceback that it shows."
+        )
+        status = Status.BUG
+    return int(status)
+
+
+def debugging() -> bool:
+    """Whether the user asked for tracebacks."""
+    return os.environ.get(DEBUG_VARIABLE, "") not in ("", "0")
+
+
+def report(error: MocapFitError | OSError | MemoryError) -> None:
+    """Print an error that the user can mend, as one line on stderr."""
+    if debugging():
+        traceback.print_exception(error)
+    say(f"error: {describe_error(error)}")
+
+
+def describe_error(error: BaseException) -> str:
+    """The one-line text of an error that the user can mend."""
+    if isinstance(error, OSError):
+        reason = error.strerror or str(error) or type(error).__name__
+        return f"{error.filename}: {reason}" if error.filename is not None else reason
+    if isinstance(error, MemoryError):
+        return "there is not enough memory. Take fewer or shorter recordings at a time."
+    return str(error)
+
+
+def say(text: str) -> None:
+    """Print one line on stderr, after the program's name."""
+    line = f"{PROGRAM}: {printable(text)}"
+    try:
+        print(line, file=sys.stderr, flush=True)
+    except UnicodeEncodeError:
+        encoding = sys.stderr.encoding
+        print(line.encode(encoding, "backslashreplace").decode(encoding), file=sys.stderr)
+
+
+def printable(text: str) -> str:
+    """The text on one line; control characters of a strange file are shown, not obeyed."""
+    line = " ".join(text.split())
+    return "".join(
+        character if character.isprintable() else character.encode("unicode_escape").decode()
+        for character in line
+    )
+
+
+@contextlib.contextmanager
+def warnings_in_one_line() -> Iterator[None]:
+    """Show each warning as one line on stderr, and the same line only once."""
+    seen: set[str] = set()
+
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: object = None,
+        line: str | None = None,
+    ) -> None:
+        text = f"warning: {message}"
+        if not issubclass(category, MocapFitWarning):
+            text = f"warning: {category.__name__}: {message}"
+        if text not in seen:
+            seen.add(text)
+            say(text)
+
+    with warnings.catch_warnings():
+        # Python shows a warning once a place; two files with the same fault deserve one each.
+        warnings.simplefilter("always", MocapFitWarning)
+        warnings.showwarning = show
+        yield
+
+
+def print_json(value: object) -> None:
+    """Print a value as JSON on stdout: ASCII, and null where a number is not finite."""
+    print(json.dumps(_plain(value), indent=2, allow_nan=False))
+
+
+@contextlib.contextmanager
+def progress(task: str, total: int) -> Iterator[Callable[[], None]]:
+    """Show how far a long task is, on stderr: a bar on a terminal, else a line each tenth.
+
+    Parameters
+    ----------
+    task
+        What is being done to what, such as ``fitting recordings``.
+    total
+        How many there are.
+
+    Yields
+    ------
+    Callable
+        To be called after each one.
+    """
+    if _on_terminal():
+        with _bar(task, total) as advance:
+            yield advance
+        return
+    done = tenths = 0
+
+    def advance_line() -> None:
+        nonlocal done, tenths
+        done += 1
+        if done * 10 // total > tenths:
+            tenths = done * 10 // total
+            say(f"{task}: {done} of {total}")
+
+    yield advance_line
+
+
+@contextlib.contextmanager
+def _bar(task: str, total: int) -> Iterator[Callable[[], None]]:
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as shown:
+        row = shown.add_task(task, total=total)
+        yield lambda: shown.advance(row)
+
+
+def _on_terminal() -> bool:
+    return sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+
+
+def _exit_status(code: str | int | None) -> int:
+    if code is None:
+        return Status.DONE
+    if isinstance(code, int):
+        return code
+    say(code)
+    return Status.BAD_DATA
+
+
+def _plain(value: Any) -> Any:
+    """The value in what JSON knows."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [_plain(item) for item in value]
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if hasattr(value, "tolist"):  # a numpy array or number
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _close_stdout_quietly() -> None:
+    """Let the interpreter's last flush go nowhere, or it would complain after all."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
