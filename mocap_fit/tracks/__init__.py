@@ -1,5 +1,7 @@
 """Marker, pose and parameter tracks, and what is done to them before a fit."""
 
+from mocap_fit.tracks.rigid import rigid_transform, rigid_transforms, similarity_transform, spread
+from mocap_fit.tracks.storage import from_frame, read_parquet, to_frame, write_parquet
 from mocap_fit.tracks.types import (
     Event,
     FloatArray,
@@ -20,4 +22,12 @@ __all__ = [
     "PoseTracks",
     "Provenance",
     "Step",
+    "from_frame",
+    "read_parquet",
+    "rigid_transform",
+    "rigid_transforms",
+    "similarity_transform",
+    "spread",
+    "to_frame",
+    "write_parquet",
 ]
