@@ -1,0 +1,34 @@
+"""The eyebrows: strips that lie on the skin."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from mocap_fit.face.builtin.flesh import skin_at
+from mocap_fit.face.builtin.surfaces import Colour, Piece, grid_triangles, painted
+from mocap_fit.tracks import FloatArray
+
+_BROW: Colour = (0.25, 0.17, 0.12)
+_ROWS, _COLUMNS = 22, 5
+_PATH = CubicSpline([0, 0.3, 0.68, 1], [[12.5, 83.4], [23.5, 86.3], [37, 87.3], [49, 82.6]])
+_HALF_WIDTH = CubicSpline([0, 0.12, 0.35, 0.7, 1], [1.3, 2.2, 2.5, 1.7, 0.3])
+
+
+def brow_path(share: FloatArray) -> FloatArray:
+    """Middle line of the left brow seen from the front; 0 is its inner end, 1 its outer."""
+    return np.asarray(_PATH(share))
+
+
+def brow() -> Piece:
+    """The left brow."""
+    share = np.linspace(0, 1, _ROWS)
+    direction = _PATH(share, 1)
+    upwards = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
+    upwards /= np.linalg.norm(upwards, axis=1, keepdims=True)
+    across = np.linspace(-1, 1, _COLUMNS)
+    offset = _HALF_WIDTH(share)[:, None, None] * upwards[:, None] * across[:, None]
+    vertices = skin_at((_PATH(share)[:, None] + offset).reshape(-1, 2))
+    thickness = np.clip(_HALF_WIDTH(share) / 2.5, 0, 1)[:, None] * (1 - across**2)
+    vertices[:, 2] += 0.35 + 0.9 * thickness.ravel()
+    return painted(vertices, grid_triangles(_ROWS, _COLUMNS), _BROW)

@@ -1,0 +1,128 @@
+"""A mesh kept between runs in the user's cache folder."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import sys
+import tempfile
+import zipfile
+import zlib
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+import mocap_fit
+from mocap_fit.errors import MocapFitError
+from mocap_fit.face.mesh import Material, Mesh, Part
+
+_UNREADABLE = (
+    OSError,
+    EOFError,
+    ValueError,
+    KeyError,
+    TypeError,
+    zipfile.BadZipFile,
+    zlib.error,
+    MocapFitError,
+)
+
+
+def cache_folder() -> Path:
+    """The folder that mocap-fit may keep things in, and rebuild them from nothing.
+
+    It is ``MOCAP_FIT_CACHE`` if that is set, or the platform's place for such things.
+    """
+    chosen = os.environ.get("MOCAP_FIT_CACHE")
+    if chosen:
+        return Path(chosen)
+    home = Path.home()
+    if sys.platform == "win32":
+        return (
+            Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
+            / "mocap-fit"
+            / "Cache"
+        )
+    if sys.platform == "darwin":
+        return home / "Library" / "Caches" / "mocap-fit"
+    return Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache") / "mocap-fit"
+
+
+def source_key(folder: Path) -> str:
+    """A short name for the state of the modules in a folder and of what they compute with."""
+    versions = (mocap_fit.__version__, np.__version__, metadata.version("scipy"))
+    digest = hashlib.sha256("\n".join(versions).encode())
+    for source in sorted(folder.glob("*.py")):
+        digest.update(source.name.encode())
+        digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def save_mesh(mesh: Mesh, path: Path) -> bool:
+    """Keep a mesh in a file, whole or not at all.
+
+    Returns
+    -------
+    bool
+        Whether it could be written; a cache that cannot be written to is not an error.
+    """
+    about = {
+        "parts": [
+            {
+                "name": part.name,
+                "vertices": [part.vertices.start, part.vertices.stop],
+                "triangles": [part.triangles.start, part.triangles.stop],
+                "colour": part.material.colour,
+                "specular": part.material.specular,
+                "specular_power": part.material.specular_power,
+            }
+            for part in mesh.parts
+        ],
+        "regions": list(mesh.regions),
+        "feature_points": dict(mesh.feature_points),
+    }
+    arrays = {f"region_{i}": members for i, members in enumerate(mesh.regions.values())}
+    if mesh.colours is not None:
+        arrays["colours"] = mesh.colours
+    text = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
+    temporary: str | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
+        with os.fdopen(handle, "wb") as file:
+            np.savez(file, about=text, vertices=mesh.vertices, triangles=mesh.triangles, **arrays)
+        os.replace(temporary, path)
+    except OSError:
+        if temporary is not None:
+            with contextlib.suppress(OSError):
+                os.unlink(temporary)
+        return False
+    return True
+
+
+def load_mesh(path: Path) -> Mesh | None:
+    """The mesh kept in a file, or None if there is none or it cannot be used."""
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            about = json.loads(arrays["about"].tobytes())
+            return Mesh(
+                arrays["vertices"],
+                arrays["triangles"],
+                tuple(
+                    Part(
+                        part["name"],
+                        range(*part["vertices"]),
+                        range(*part["triangles"]),
+                        Material(tuple(part["colour"]), part["specular"], part["specular_power"]),
+                    )
+                    for part in about["parts"]
+                ),
+                {name: arrays[f"region_{i}"] for i, name in enumerate(about["regions"])},
+                about["feature_points"],
+                arrays.get("colours"),
+            )
+    except _UNREADABLE:
+        return None

@@ -1,0 +1,62 @@
+"""The skin's relief on the bare head: sockets, brows, cheeks, folds, chin and nose."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_fit.face.builtin import skull
+from mocap_fit.face.builtin.nose import nose_relief, tuck
+from mocap_fit.face.builtin.surfaces import bump, distance_to_path, hill, smoothstep
+from mocap_fit.tracks import FloatArray
+
+# Hills and hollows along the radius: height (mm), centre (x, y), widths, turn.
+_RADIAL = [
+    (-5.6, (31, 69.5), (13, 9), 0.0),  # eye socket
+    (-4.2, (15.5, 70), (6.0, 8.5), 0.0),  # its inner corner
+    (1.6, (33, 56), (9, 3.5), 0.0),  # its lower rim
+    (2.0, (28, 84.5), (16, 6.0), 0.06),  # brow ridge
+    (1.3, (45, 80), (7, 7), 0.0),  # outer end of the brow
+    (1.0, (0, 87), (9, 6), 0.0),  # between the brows
+    (1.5, (24, 112), (20, 14), 0.0),  # forehead
+    (-2.6, (66, 92), (9, 14), 0.0),  # temple
+    (5.0, (46, 45), (13, 9), 0.35),  # cheek bone
+    (2.0, (30, 40), (10, 9), 0.0),  # front of the cheek
+    (-2.6, (50, 10), (13, 14), 0.0),  # hollow of the cheek
+    (2.2, (60, -2), (9, 12), 0.0),  # angle of the jaw
+    (1.2, (30, 8), (9, 13), 0.0),  # beside the mouth
+]
+# The same, forwards.
+_FORWARD = [
+    (3.2, (0, 6), (20, 15), 0.0),  # the mouth as a whole
+    (-2.6, (0, -17.5), (15, 4.2), 0.0),  # fold above the chin
+    (5.0, (0, -33), (12.5, 8.5), 0.0),  # chin
+    (-1.0, (0, 15.0), (2.0, 5.0), 0.0),  # philtrum
+    (0.55, (4.6, 14.0), (1.7, 5), 0.0),  # its ridges
+    (-1.4, (27.5, -1.5), (3.2, 3.6), 0.0),  # dimple at the corner of the mouth
+]
+_NASOLABIAL_FOLD = [(17.5, 31.0), (22.0, 22.0), (27.5, 10.0), (31.0, -3.0), (31.5, -12.0)]
+
+
+def skin(azimuth: FloatArray, level: FloatArray) -> FloatArray:
+    """Points of the skin of the left half, `(points, 3)`, mm."""
+    points = skull.loft(azimuth, level)
+    x, y = points[:, 0], points[:, 1]
+    front = smoothstep((np.cos(azimuth) + 0.15) / 0.5)
+    outwards = sum(h * bump(x, y, c, w, t) for h, c, w, t in _RADIAL) + _nasolabial_fold(x, y)
+    forwards = sum(h * bump(x, y, c, w, t) for h, c, w, t in _FORWARD) + nose_relief(x, y)
+    points[:, 0] += outwards * front * np.sin(0.9 * azimuth)
+    points[:, 1] += tuck(x, y) * front
+    points[:, 2] += (outwards * np.cos(0.9 * azimuth) + forwards) * front
+    return points
+
+
+def skin_at(seen: FloatArray, axes: tuple[int, int] = (0, 1)) -> FloatArray:
+    """Points of the skin over places of the bare head that are seen at `seen`, `(points, 2)`."""
+    return skin(*skull.locate(seen, axes))
+
+
+def _nasolabial_fold(x: FloatArray, y: FloatArray) -> FloatArray:
+    distance, side, position = distance_to_path(x, y, _NASOLABIAL_FOLD)
+    fade = np.sin(np.pi * np.clip(position, 0.02, 1.0)) ** 0.6
+    cheek = np.where(side > 0, 1.3 * distance / 5 * hill(distance, 0, 6.5), 0.0)
+    return np.asarray(fade * (cheek - 1.1 * hill(distance, 0, 2.6)))

@@ -1,0 +1,73 @@
+"""The built-in head, as others ask for it: kept between runs, so that it is there at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from mocap_fit.face.builtin.cache import cache_folder, load_mesh, save_mesh, source_key
+from mocap_fit.face.mesh import IndexArray, Mesh
+
+
+def built_in_head(*, use_cache: bool = True) -> Mesh:
+    """The head that comes with mocap-fit: neutral, mirror-symmetric, lips closed.
+
+    It is made in code (about a second) and kept in the user's cache folder, or the folder that
+    the environment variable ``MOCAP_FIT_CACHE`` names. The same version gives the same bytes,
+    kept or not.
+
+    Parameters
+    ----------
+    use_cache
+        False builds it anew and leaves the cache alone.
+
+    Returns
+    -------
+    Mesh
+        Parts ``skin``, ``teeth_upper``, ``teeth_lower``, ``gums_upper``, ``gums_lower``,
+        ``tongue``, ``eye_left``, ``eye_right``, ``brow_left``, ``brow_right``; regions of the
+        skin; MPEG-4 feature points. Origin between the ears at the height of the mouth.
+    """
+    if use_cache:
+        path = cache_folder() / f"head-{source_key(Path(__file__).parent)}.npz"
+        kept = load_mesh(path)
+        if kept is not None:
+            return kept
+    # Building needs scipy, whose import takes longer than loading the whole head.
+    from mocap_fit.face.builtin.assemble import build_head
+
+    mesh = build_head()
+    if use_cache:
+        save_mesh(mesh, path)
+    return mesh
+
+
+def follow_map(mesh: Mesh | None = None) -> tuple[IndexArray, IndexArray]:
+    """Which skin vertex each vertex of the brows goes with when the face moves.
+
+    Parameters
+    ----------
+    mesh
+        A head of the built-in topology at rest; the built-in head itself where None.
+
+    Returns
+    -------
+    tuple
+        Vertex indices of everything that lies on the skin (the brows and the lashes), and the
+        index of the nearest skin vertex to each; both `(followers,)`.
+    """
+    mesh = built_in_head() if mesh is None else mesh
+    skin = mesh.part("skin").vertices
+    followers = np.concatenate(
+        [
+            np.arange(part.vertices.start, part.vertices.stop)
+            for part in mesh.parts
+            if part.name.startswith(("brow", "lashes"))
+        ]
+    )
+    on_skin = mesh.vertices[skin.start : skin.stop]
+    nearest = [
+        int(((on_skin - place) ** 2).sum(axis=1).argmin()) for place in mesh.vertices[followers]
+    ]
+    return followers, skin.start + np.array(nearest, dtype=np.int64)

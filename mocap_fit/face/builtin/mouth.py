@@ -1,0 +1,142 @@
+"""The mouth: closed rings from the bag behind the lips to the skin around them.
+
+Every ring has its vertices at the same places round the mouth, so the strips between them are
+regular. Only the left half of a ring is made: from its middle below, by way of the left corner,
+to its middle above.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from mocap_fit.face.builtin.flesh import skin_at
+from mocap_fit.face.builtin.surfaces import hill
+from mocap_fit.tracks import FloatArray
+
+HALF_RING = 21
+CORNER = 10
+HALF_WIDTH = 24.5
+# The lips almost touch at rest: each contact line stands this far from the line between them.
+CONTACT_HALF_GAP = 0.04
+
+_ACROSS = np.array([-25.0, -20, -13, -5.2, 0, 5.2, 13, 20, 25])
+_UPPER_BORDER = np.array([0.0, 3.1, 6.3, 8.6, 7.3, 8.6, 6.3, 3.1, 0])
+_LOWER_BORDER = np.array([0.0, -3.9, -7.7, -9.8, -10.4, -9.8, -7.7, -3.9, 0])
+_CONTACT_ACROSS = np.array([-25.0, -16, -7, 0, 7, 16, 25])
+_CONTACT_LINE = np.array([-0.6, 0.35, 0.55, -0.35, 0.55, 0.35, -0.6])
+
+
+@dataclass(frozen=True, eq=False)
+class Ring:
+    """The left half of one ring round the mouth.
+
+    Parameters
+    ----------
+    kind
+        ``bag``, ``inner_lip``, ``contact``, ``vermilion``, ``border`` or ``skin``.
+    points
+        `(HALF_RING, 3)`, mm, from the middle below to the middle above.
+    """
+
+    kind: str
+    points: FloatArray
+
+
+@lru_cache(maxsize=1)
+def _contact_depths() -> tuple[FloatArray, FloatArray]:
+    across = np.array([0.0, 5, 10, 15, 20, HALF_WIDTH])
+    behind = np.array([0.9, 0.9, 0.9, 0.9, 1.2, 2.2])
+    return across, skin_at(np.stack([across, np.zeros(6)], axis=1))[:, 2] - behind
+
+
+def contact_depth(x: FloatArray) -> FloatArray:
+    """Depth z of the line where the lips meet."""
+    return np.asarray(np.interp(np.abs(x), *_contact_depths()))
+
+
+def mouth_rings() -> list[Ring]:
+    """The left halves of all rings, from the deepest to the outermost."""
+    angle = np.pi * (np.arange(HALF_RING) - CORNER) / (2 * CORNER)
+    side = np.sign(np.round(np.sin(angle), 12))
+    # A little denser towards the corners.
+    cosine = np.round(np.cos(angle), 12)
+    shape_x = 25 * (0.82 * cosine + 0.18 * cosine**3)
+    rise = 0.9 * (shape_x / 25) ** 3
+    x = shape_x * HALF_WIDTH / 25
+    border_y = rise + np.where(
+        side > 0,
+        CubicSpline(_ACROSS, _UPPER_BORDER)(shape_x),
+        CubicSpline(_ACROSS, _LOWER_BORDER)(shape_x),
+    )
+    contact_y = rise + CubicSpline(_CONTACT_ACROSS, _CONTACT_LINE)(shape_x)
+    border_y[CORNER] = contact_y[CORNER]
+    corner_share = np.clip(shape_x / 25, 0.0, 1.0)
+    fullness = np.sqrt(1 - corner_share**2)
+    border = skin_at(np.stack([x, border_y], axis=1))
+    contact = np.stack([x, contact_y + side * CONTACT_HALF_GAP, contact_depth(x)], axis=1)
+    return [
+        *_inside(contact, side, fullness, corner_share),
+        Ring("contact", contact),
+        *_lips(border, contact, side, fullness),
+        Ring("border", border + np.outer(0.55 * fullness, [0.0, 0.0, 1.0])),
+        *_around(border),
+    ]
+
+
+def _inside(
+    contact: FloatArray, side: FloatArray, fullness: FloatArray, corner_share: FloatArray
+) -> list[Ring]:
+    x, y, z = contact.T
+    bag = [
+        (0.92, side * (9 * fullness + 1.0), 46 - 6 * corner_share),
+        (1.02, side * (13 * fullness + 1.0), 33 - 4 * corner_share),
+        (1.08, side * (15 * fullness + 1.0), 20 + 2 * corner_share),
+        (1.06, side * (12.5 * fullness + 0.6), 10.5 + 4 * corner_share),
+    ]
+    inner_lip = [
+        (1.01, side * 6.5 * fullness, 5.6 * (1 - 0.35 * corner_share) + 0.5),
+        (1.0, side * 1.6 * fullness, np.full_like(x, 2.7)),
+    ]
+    return [
+        Ring(kind, np.stack([x * width, y + up, z - behind], axis=1))
+        for kind, rings in (("bag", bag), ("inner_lip", inner_lip))
+        for width, up, behind in rings
+    ]
+
+
+def _lips(
+    border: FloatArray, contact: FloatArray, side: FloatArray, fullness: FloatArray
+) -> list[Ring]:
+    """The red of the lips, bulging forwards between the contact line and the border."""
+    x = border[:, 0]
+    upper = side > 0
+    rings = []
+    for share in (0.90, 0.70, 0.45, 0.22):
+        points = border * (1 - share) + contact * share
+        forwards = np.sin(np.pi * share**0.85) ** 0.9
+        pads = np.where(upper, 0.7 * hill(x, 0, 3.5), 0.45 * hill(x, 6, 4))
+        points[:, 1] += side * 0.9 * fullness * np.sin(np.pi * share) * np.where(upper, 0.5, 1.0)
+        points[:, 2] += (np.where(upper, 2.5, 3.6) * fullness**1.2 + pads) * forwards
+        rings.append(Ring("vermilion", points))
+    return rings
+
+
+def _around(border: FloatArray) -> list[Ring]:
+    """Rings of skin at growing distances from the border of the lips."""
+    outline = border[:, :2]
+    mirrored = outline * [-1, 1]
+    whole = np.concatenate([mirrored[1:2], outline, mirrored[-2:-1]])
+    tangent = whole[2:] - whole[:-2]
+    normal = _unit(np.stack([tangent[:, 1], -tangent[:, 0]], axis=1))
+    beyond = np.concatenate([normal[1:2] * [-1, 1], normal, normal[-2:-1] * [-1, 1]])
+    normal = _unit(0.5 * normal + 0.25 * (beyond[:-2] + beyond[2:]))
+    normal[[0, -1], 0] = 0.0
+    return [Ring("skin", skin_at(outline + normal * distance)) for distance in (2.2, 5.2, 9.0)]
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))

@@ -1,0 +1,129 @@
+"""Regions of the skin, and its colours."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_fit.face.builtin import brows, mouth, skull
+from mocap_fit.face.builtin.skin import Skin
+from mocap_fit.face.builtin.surfaces import Colour, Mask, bump, distance_to_path
+from mocap_fit.face.mesh import IndexArray
+from mocap_fit.tracks import FloatArray
+
+SIDED = ("jaw", "cheek", "brow_skin", "eyelids", "ear")
+_JAW_LINE = [(21.0, -30.0), (40.0, -18.0), (56.0, 2.0), (66.0, 22.0)]
+
+_SKIN: Colour = (0.91, 0.745, 0.63)
+_LIP: Colour = (0.77, 0.46, 0.42)
+_INNER_LIP: Colour = (0.59, 0.26, 0.26)
+_BAG: Colour = (0.24, 0.07, 0.08)
+_NOSTRIL: Colour = (0.27, 0.12, 0.10)
+
+
+def skin_regions(skin: Skin) -> dict[str, IndexArray]:
+    """Named vertex sets that cover the skin; left and right are the speaker's."""
+    left = skin.vertices[:, 0] >= 0
+    regions = _mouth_regions(skin)
+    for name, mask in _outer_regions(skin).items():
+        if name in SIDED:
+            stem, _, rest = name.partition("_")
+            for side, on_side in (("left", left), ("right", ~left)):
+                sided = f"{stem}_{side}" + (f"_{rest}" if rest else "")
+                regions[sided] = np.flatnonzero(mask & on_side)
+        else:
+            regions[name] = np.flatnonzero(mask)
+    return regions
+
+
+def _both(skin: Skin, half: IndexArray) -> IndexArray:
+    return np.unique(np.concatenate([half, skin.mirror[half]]))
+
+
+def _mouth_regions(skin: Skin) -> dict[str, IndexArray]:
+    """Lips, the bag behind them and the two contours; corners are upper and lower."""
+    groups: dict[str, list[IndexArray]] = {}
+    *rings, deepest = skin.mouth
+    for ring in rings:
+        kind = str(skin.kinds[ring[0]])
+        stem = {"bag": "mouth_bag_{}", "skin": "{}_lip_skin"}.get(kind, "{}_lip")
+        groups.setdefault(stem.format("lower"), []).append(ring[: mouth.CORNER + 1])
+        groups.setdefault(stem.format("upper"), []).append(ring[mouth.CORNER :])
+        if kind == "contact":
+            groups["inner_lip_contour"] = [ring]
+        if kind == "border":
+            groups["outer_lip_contour"] = [ring]
+    for name in ("mouth_bag_upper", "mouth_bag_lower"):
+        groups[name].append(deepest)
+    return {name: _both(skin, np.concatenate(rings)) for name, rings in groups.items()}
+
+
+def _outer_regions(skin: Skin) -> dict[str, Mask]:
+    """The skin outside the mouth, each vertex in one region, sides together."""
+    x, y, z = np.abs(skin.vertices[:, 0]), skin.vertices[:, 1], skin.vertices[:, 2]
+    azimuth = np.abs(skin.azimuths)
+    brow_path = [tuple(point) for point in brows.brow_path(np.linspace(0, 1, 12)).tolist()]
+    jaw_height = np.interp(x, *np.transpose(_JAW_LINE))
+    jaw_edge = skull.section_level(4)
+    nose_width = np.interp(y, [15, 22, 30, 45, 70, 86], [10, 15, 17, 16, 11, 10])
+    in_front = z > 60
+    # The first that holds counts.
+    rules: dict[str, Mask] = {
+        "ear": skin.kinds == "ear",
+        "eyelids": skin.kinds == "eyelid",
+        "nose": (skin.kinds == "nostril") | (in_front & (y > 19) & (y < 80) & (x < nose_width)),
+        "brow_skin": in_front & (distance_to_path(x, y, brow_path)[0] < 6.5),
+        "neck": (skin.levels < jaw_edge - 9) | ((skin.levels < jaw_edge + 25) & (azimuth > 2.0)),
+        "forehead": (y > 78) & (azimuth < 1.15) & (y < 132 - 20 * azimuth**2),
+        "scalp": (y > 74) | (azimuth > 1.75),
+        "upper_lip_skin": (y > 0) & (y < 22) & (x < 29) & in_front,
+        "lower_lip_skin": (y <= 0) & (y > -21) & (x < 27) & in_front,
+        "chin": (y <= -21) & (x < 21),
+        "jaw": y < jaw_height,
+        "cheek": np.ones(len(x), dtype=bool),
+    }
+    taken = np.isin(skin.kinds, ["bag", "inner_lip", "contact", "vermilion", "border"])
+    regions = {}
+    for name, rule in rules.items():
+        regions[name] = rule & ~taken
+        taken = taken | rule
+    return regions
+
+
+def skin_colours(skin: Skin) -> FloatArray:
+    """`(vertices, 3)`, red, green and blue in [0, 1]."""
+    x, y, z = np.abs(skin.vertices[:, 0]), skin.vertices[:, 1], skin.vertices[:, 2]
+    front = (z > 20).astype(np.float64)
+    colours = np.tile(np.array(_SKIN), (len(x), 1))
+
+    def tint(share: FloatArray, colour: Colour) -> None:
+        colours[:] += np.clip(share, 0, 1)[:, None] * (np.array(colour) - colours)
+
+    tint(0.20 * bump(x, y, (40, 32), (13, 11)) * front, (0.925, 0.59, 0.51))
+    tint(0.22 * bump(x, y, (0, 30), (12, 8)) * front, (0.88, 0.55, 0.48))
+    tint(0.25 * bump(x, y, (31, 66), (15, 9)) * front, (0.81, 0.59, 0.51))
+    by_kind = {
+        "bag": _BAG,
+        "inner_lip": _INNER_LIP,
+        "contact": _INNER_LIP,
+        "vermilion": _LIP,
+        "border": tuple(0.45 * np.array(_LIP) + 0.55 * np.array(_SKIN)),
+    }
+    for kind, colour in by_kind.items():
+        colours[skin.kinds == kind] = colour
+    for depth, ring in enumerate(skin.nostril[1:]):
+        colours[_both(skin, ring)] = np.array(_NOSTRIL) * (0.8, 0.45, 0.25)[depth]
+    _colour_lids(skin, colours)
+    return np.asarray(np.clip(colours, 0, 1))
+
+
+def _colour_lids(skin: Skin, colours: FloatArray) -> None:
+    for depth, ring in enumerate(skin.eye[:4]):
+        upper = np.arange(len(ring)) <= len(ring) // 2
+        dark, pink = np.array([0.29, 0.19, 0.16]), np.array([0.81, 0.58, 0.51])
+        if depth < 3:
+            shade = np.where(upper[:, None], dark, pink)
+            colours[ring] = shade
+            colours[skin.mirror[ring]] = shade
+        else:
+            lid = ring[1 : len(ring) // 2]
+            colours[lid] = colours[skin.mirror[lid]] = [0.69, 0.49, 0.41]

@@ -1,0 +1,149 @@
+"""The head without its features: a smooth loft from the neck to the crown.
+
+A point of the loft has an azimuth (0 in front, π/2 at the speaker's left, π behind) and a level
+(mm along the surface, upwards). Everything else is modelled on it. Only the left half is made;
+the right half is its mirror image.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.spatial import cKDTree
+
+from mocap_fit.tracks import FloatArray
+
+# One closed section a row, from the neck up. Height of its front, side and back; depth of the
+# front; half width, and the depth where it is widest; depth of the back; and how square the front
+# half is (2 is an ellipse).
+_SECTIONS = np.array(
+    [
+        [-128, -116, -92, 38, 64, -16, -72, 2.0],
+        [-100, -86, -62, 40, 51, -16, -65, 2.0],
+        [-77, -58, -38, 43, 47, -14, -62, 2.0],
+        [-62, -37, -18, 53, 48, -10, -63, 1.95],
+        [-56, -25, -3, 73, 50.5, -4, -68, 1.82],
+        [-47, -15, 9, 88, 54, 0, -73, 1.76],
+        [-34, 0, 23, 93.5, 58, 3, -79, 1.76],
+        [-18, 15, 37, 95, 62, 3, -84, 1.80],
+        [0, 31, 50, 97, 65.5, 1, -88, 1.88],
+        [22, 46, 62, 98, 69.5, -1, -91, 1.96],
+        [45, 60, 75, 96, 71.5, -4, -93, 2.02],
+        [68, 77, 88, 95, 73, -7, -94, 2.12],
+        [87, 92, 100, 96.5, 75, -11, -93, 2.2],
+        [106, 109, 113, 95.5, 75.5, -14, -91, 2.15],
+        [126, 126, 127, 89, 73.5, -15, -85, 2.1],
+        [146, 145, 144, 75, 67.5, -15, -74, 2.1],
+        [162, 161, 159, 53, 53, -13, -59, 2.0],
+        [173, 172, 171, 30, 33, -11, -41, 2.0],
+        [178, 178, 177, 6, 13, -9, -22, 2.0],
+    ],
+    dtype=np.float64,
+)
+CROWN = np.array([0.0, 179.3, -8.0])
+
+
+@lru_cache(maxsize=1)
+def _sections() -> CubicSpline:
+    front, side = _SECTIONS[:, [0, 3]], _SECTIONS[:, [1, 4]]
+    lengths = [np.linalg.norm(np.diff(curve, axis=0), axis=1) for curve in (front, side)]
+    levels = np.concatenate([[0.0], np.cumsum(0.5 * (lengths[0] + lengths[1]))])
+    return CubicSpline(levels, _SECTIONS, axis=0)
+
+
+def level_range() -> tuple[float, float]:
+    """Level of the neck's lower rim, and of the crown."""
+    knots = _sections().x
+    return float(knots[0]), float(knots[-1])
+
+
+def section_level(index: int) -> float:
+    """Level of one of the modelled sections, counted from the neck up."""
+    return float(_sections().x[index])
+
+
+def loft(azimuth: FloatArray, level: FloatArray) -> FloatArray:
+    """Points of the bare head, `(points, 3)`, for azimuths from 0 to π."""
+    front_y, side_y, back_y, front_z, half_width, side_z, back_z, squareness = _sections()(level).T
+    cosine, sine = np.cos(azimuth), np.sin(azimuth)
+    # Only the front half is squarer or more pointed than an ellipse.
+    share = np.clip((cosine + 0.25) / 0.5, 0.0, 1.0)
+    share = share * share * (3.0 - 2.0 * share)
+    exponent = 2.0 / squareness * share + (1.0 - share)
+    x = half_width * np.maximum(sine, 0.0) ** exponent
+    forward = np.abs(cosine)
+    z = np.where(
+        cosine >= 0.0,
+        side_z + (front_z - side_z) * forward**exponent,
+        side_z - (side_z - back_z) * forward,
+    )
+    y = side_y - 0.5 * (back_y - front_y) * cosine
+    y += (0.5 * (front_y + back_y) - side_y) * cosine**2
+    return np.stack([x, y, z], axis=-1)
+
+
+def girth(level: FloatArray) -> FloatArray:
+    """Mean radius of the section at a level: azimuth × girth is a length in mm."""
+    section = _sections()(level)
+    return np.asarray(0.5 * (section[..., 4] + 0.5 * (section[..., 3] - section[..., 6])))
+
+
+@lru_cache(maxsize=1)
+def _front_depth() -> PchipInterpolator:
+    levels = np.linspace(*level_range(), 400)
+    middle = loft(np.zeros(400), levels)
+    rising = middle[:, 1] > np.concatenate([[-np.inf], np.maximum.accumulate(middle[:-1, 1])])
+    return PchipInterpolator(middle[rising, 1], middle[rising, 2])
+
+
+def midline_depth(y: FloatArray) -> FloatArray:
+    """Depth z of the bare head in the middle of the face, at heights y."""
+    return np.asarray(_front_depth()(y))
+
+
+@lru_cache(maxsize=2)
+def _view(axes: tuple[int, int]) -> tuple[cKDTree, FloatArray]:
+    """A search tree of the loft as seen from the front (x, y) or from the side (z, y)."""
+    span = (0.0, 85.0) if axes == (0, 1) else (25.0, 155.0)
+    azimuth, level = np.meshgrid(
+        np.radians(np.linspace(*span, 131)), np.linspace(*level_range(), 400)
+    )
+    parameters = np.stack([azimuth.ravel(), level.ravel()], axis=1)
+    return cKDTree(loft(*parameters.T)[:, axes]), parameters
+
+
+def locate(seen: FloatArray, axes: tuple[int, int] = (0, 1)) -> tuple[FloatArray, FloatArray]:
+    """Azimuth and level of loft points that are seen at given places.
+
+    Parameters
+    ----------
+    seen
+        `(points, 2)`, mm; x not negative.
+    axes
+        `(0, 1)`: x and y, seen from the front. `(2, 1)`: z and y, seen from the speaker's left.
+    """
+    tree, parameters = _view(axes)
+    found = parameters[tree.query(seen)[1]].copy()
+    small = np.array([1e-5, 1e-3])
+    for _ in range(8):
+        here = loft(*found.T)[:, axes]
+        along_azimuth = (loft(found[:, 0] + small[0], found[:, 1])[:, axes] - here) / small[0]
+        along_level = (loft(found[:, 0], found[:, 1] + small[1])[:, axes] - here) / small[1]
+        error = seen - here
+        determinant = (
+            along_azimuth[:, 0] * along_level[:, 1] - along_level[:, 0] * along_azimuth[:, 1]
+        )
+        step_azimuth = (
+            error[:, 0] * along_level[:, 1] - along_level[:, 0] * error[:, 1]
+        ) / determinant
+        step_level = (
+            along_azimuth[:, 0] * error[:, 1] - error[:, 0] * along_azimuth[:, 1]
+        ) / determinant
+        found[:, 0] += np.clip(step_azimuth, -0.1, 0.1)
+        found[:, 1] += np.clip(step_level, -5.0, 5.0)
+        found[:, 0] = np.clip(found[:, 0], 0.0, np.pi)
+    if axes == (0, 1):
+        found[np.abs(seen[:, 0]) < 1e-9, 0] = 0.0
+    return found[:, 0], found[:, 1]

@@ -1,0 +1,146 @@
+"""What is inside the mouth: teeth, gums and tongue."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_fit.face.builtin.mouth import contact_depth
+from mocap_fit.face.builtin.surfaces import (
+    Colour,
+    Piece,
+    fan_triangles,
+    grid_triangles,
+    hill,
+    joined,
+    painted,
+    smoothstep,
+    strip_triangles,
+)
+from mocap_fit.face.mesh import IndexArray
+from mocap_fit.tracks import FloatArray
+
+_TOOTH: Colour = (0.93, 0.91, 0.85)
+_GUM: Colour = (0.72, 0.38, 0.38)
+_TONGUE: Colour = (0.74, 0.38, 0.38)
+
+# From the middle outwards, mm: widths and heights of the teeth's crowns.
+_UPPER_WIDTHS = [8.3, 6.6, 7.6, 7.0, 6.9, 9.5]
+_UPPER_HEIGHTS = [9.8, 8.8, 9.8, 8.4, 7.6, 6.8]
+_UPPER_EDGES = [-1.2, -0.7, -1.2, -0.85, -0.5, -0.15]
+_LOWER_WIDTHS = [5.4, 5.9, 6.9, 7.0, 7.1, 10.0]
+_LOWER_HEIGHTS = [8.6, 8.8, 9.8, 8.4, 7.8, 7.0]
+_LOWER_EDGES = [-2.6, -2.6, -2.6, -2.45, -2.3, -2.15]
+_BEHIND_THE_LIPS = 6.6
+_OVERJET = 2.6
+_TONGUE_LENGTH = 50.0
+
+
+def front_of_teeth() -> float:
+    """Depth z of the upper front teeth."""
+    return float(contact_depth(np.zeros(1))[0]) - _BEHIND_THE_LIPS
+
+
+def teeth(*, upper: bool) -> Piece:
+    """One row of twelve teeth, each a closed rounded box; the middle two come first."""
+    widths = np.array(_UPPER_WIDTHS if upper else _LOWER_WIDTHS)
+    heights = np.array(_UPPER_HEIGHTS if upper else _LOWER_HEIGHTS)
+    edges = np.array(_UPPER_EDGES if upper else _LOWER_EDGES)
+    x = np.linspace(0, 32, 400)
+    z = _arch(x, upper=upper)
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(z)))])
+    middle = np.interp(np.cumsum(widths) - widths / 2, along, x)
+    slope = np.gradient(z, x)
+    left = []
+    for tooth, centre_x in enumerate(middle):
+        tangent = np.array([1.0, 0.0, np.interp(centre_x, x, slope)])
+        tangent /= np.linalg.norm(tangent)
+        axes = np.stack([tangent, [0.0, 1.0, 0.0], [-tangent[2], 0.0, tangent[0]]])
+        thickness = 3.0 if tooth < 3 else 4.2
+        height = heights[tooth]
+        centre = np.array(
+            [
+                centre_x,
+                edges[tooth] + (height if upper else -height) / 2,
+                np.interp(centre_x, x, z) - 0.8 * thickness,
+            ]
+        )
+        half = np.array([widths[tooth] / 2 - 0.06, height / 2, thickness])
+        vertices, triangles = _rounded_box()
+        left.append(painted(centre + (vertices * half) @ axes, triangles, _TOOTH))
+    return joined([piece for tooth in left for piece in (tooth, tooth.mirrored())])
+
+
+def gums(*, upper: bool) -> Piece:
+    """The gum behind and above (or below) one row of teeth."""
+    x = np.linspace(-29, 29, 25)
+    up = np.array([5.8, 7.3, 9.5, 12.5, 15.0] if upper else [-8.2, -9.6, -11.5, -14.0, -16.5])
+    forward = np.array([-0.9, 0.5, 0.4, -1.0, -4.0]) - (0.2 if upper else 0.1)
+    depth = _arch(x, upper=upper)
+    vertices = np.stack(
+        np.broadcast_arrays(x[:, None], up, depth[:, None] + forward), axis=2
+    ).reshape(-1, 3)
+    triangles = grid_triangles(25, 5)
+    return painted(vertices, triangles if upper else triangles[:, ::-1], _GUM)
+
+
+TONGUE_ROWS = 16
+TONGUE_COLUMNS = 16
+
+
+def tongue() -> Piece:
+    """The tongue, a closed body whose tip rests behind the lower teeth.
+
+    Ring after ring of `TONGUE_COLUMNS` vertices from the tip backwards (each starts at the
+    speaker's left border and runs over the top), then the points that close tip and root.
+    """
+    share = np.linspace(0, 1, TONGUE_ROWS)[:, None]
+    angle = 2 * np.pi * np.arange(TONGUE_COLUMNS) / TONGUE_COLUMNS
+    z = front_of_teeth() - 8.0 - _TONGUE_LENGTH * share
+    half_width = 19.5 * (1 - (1 - np.minimum(share / 0.42, 1)) ** 2.2) ** 0.5 * (1 - 0.12 * share)
+    x = (half_width + 1.2) * np.cos(angle)
+    top = -6.0 + 5.0 * np.sin(np.pi * np.minimum(0.9 * share + 0.06, 1))
+    thickness = 7.5 * np.clip(share / 0.18, 0.25, 1)
+    sine = np.sin(angle)
+    y = top + thickness * (np.where(sine > 0, 0.55 * sine, sine) - 0.5)
+    y = y - hill(x, 0, 2.0) * (sine > 0) * np.sin(np.pi * share)
+    rings = np.stack(np.broadcast_arrays(x, y, z), axis=2)
+    beyond = np.array([0.0, 0.0, 1.5])
+    tip, root = rings[0].mean(axis=0) + beyond, rings[-1].mean(axis=0) - beyond
+    vertices = np.concatenate([rings.reshape(-1, 3), [tip, root]])
+    index = np.arange(TONGUE_ROWS * TONGUE_COLUMNS).reshape(TONGUE_ROWS, TONGUE_COLUMNS)
+    triangles = [strip_triangles(index[i + 1], index[i]) for i in range(TONGUE_ROWS - 1)]
+    triangles.append(fan_triangles(index[0], index.size))
+    triangles.append(fan_triangles(index[-1], index.size + 1)[:, ::-1])
+    piece = painted(vertices, np.concatenate(triangles), _TONGUE)
+    darker = 0.55 + 0.45 * smoothstep((vertices[:, 2] - vertices[:, 2].min()) / 45)
+    return Piece(piece.vertices, piece.triangles, piece.colours * darker[:, None])
+
+
+def _arch(x: FloatArray, *, upper: bool) -> FloatArray:
+    """Depth of the front of a row of teeth."""
+    front = front_of_teeth() - (0.0 if upper else _OVERJET)
+    return np.asarray(front - (0.028 if upper else 0.031) * x**2 - 0.00012 * np.abs(x) ** 3)
+
+
+def _rounded_box(around: int = 12, up: int = 7) -> tuple[FloatArray, IndexArray]:
+    """A closed box between -1 and 1 with rounded edges (a superquadric), without double points."""
+    azimuth = 2 * np.pi * np.arange(around) / around
+    height = np.linspace(-np.pi / 2, np.pi / 2, up + 2)[1:-1][:, None]
+
+    def rounded(value: FloatArray) -> FloatArray:
+        return np.asarray(np.sign(value) * np.abs(value) ** 0.5)
+
+    ring = np.stack(
+        np.broadcast_arrays(
+            rounded(np.cos(azimuth)) * rounded(np.cos(height)),
+            rounded(np.sin(height)),
+            rounded(np.sin(azimuth)) * rounded(np.cos(height)),
+        ),
+        axis=2,
+    )
+    vertices = np.concatenate([ring.reshape(-1, 3), [[0, -1, 0], [0, 1, 0]]])
+    index = np.arange(around * up).reshape(up, around)
+    triangles = [strip_triangles(index[i], index[i + 1])[:, ::-1] for i in range(up - 1)]
+    triangles.append(fan_triangles(index[0], around * up))
+    triangles.append(fan_triangles(index[-1], around * up + 1)[:, ::-1])
+    return vertices, np.concatenate(triangles)
