@@ -15,9 +15,12 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from enum import IntEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mocap_fit.errors import MocapFitError, MocapFitWarning
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 PROGRAM = "mocap-fit"
 DEBUG_VARIABLE = "MOCAP_FIT_DEBUG"
@@ -165,6 +168,17 @@ def warnings_in_one_line() -> Iterator[None]:
 def print_json(value: object) -> None:
     """Print a value as JSON on stdout: ASCII, and null where a number is not finite."""
     print(json.dumps(_plain(value), indent=2, allow_nan=False))
+
+
+def screen() -> Console:
+    """Where tables for people go: stdout, through rich."""
+    from rich.console import Console
+
+    class Screen(Console):
+        def on_broken_pipe(self) -> None:  # rich would end with the status of bad data
+            raise ReaderGoneError
+
+    return Screen()
 
 
 @contextlib.contextmanager

@@ -10,6 +10,10 @@ from corpus_tools import console
 from corpus_tools.console import Status
 from mocap_fit.errors import MocapFitError
 
+# Units of what a file's description holds; a share is shown in per cent.
+_UNITS = {"rate": "Hz", "duration": "s", "start_time": "s", "time": "s"}
+_SHARES = {"gap_rate"}
+
 
 def run(files: Sequence[str | os.PathLike[str]], *, as_json: bool = False) -> Status:
     """Describe files on stdout; those that cannot be read are named on stderr.
@@ -35,7 +39,7 @@ def run(files: Sequence[str | os.PathLike[str]], *, as_json: bool = False) -> St
     described: list[Mapping[str, Any]] = []
     for file in files:
         try:
-            content: Mapping[str, Any] = {"file": os.fspath(file), **describe(file)}
+            content: Mapping[str, Any] = describe(file)
         except (MocapFitError, OSError) as error:
             console.report(error)
             status = Status.BAD_DATA
@@ -52,11 +56,10 @@ def run(files: Sequence[str | os.PathLike[str]], *, as_json: bool = False) -> St
 def _show(content: Mapping[str, Any]) -> None:
     """Print one file's content: plain values first, then a table for each list of records."""
     from rich import box
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    screen = Console()
+    screen = console.screen()
     summary = Table(
         title=Text(console.printable(str(content["file"]))),
         title_justify="left",
@@ -72,7 +75,7 @@ def _show(content: Mapping[str, Any]) -> None:
         if _is_records(value):
             tables.append(_record_table(key, value))
         else:
-            summary.add_row(Text(_label(key)), Text(_text(value)))
+            summary.add_row(Text(_label(key)), Text(_with_unit(key, value)))
     for table in tables:
         screen.print(table)
 
@@ -89,7 +92,7 @@ def _record_table(key: str, records: Sequence[Mapping[str, Any]]) -> Any:
         justify: Any = "right" if is_number else "left"
         table.add_column(Text(_label(column)), justify=justify, overflow="fold")
     for record in records:
-        table.add_row(*(Text(_text(record.get(column))) for column in columns))
+        table.add_row(*(Text(_with_unit(column, record.get(column))) for column in columns))
     return table
 
 
@@ -103,6 +106,14 @@ def _is_records(value: object) -> bool:
 
 def _label(key: object) -> str:
     return console.printable(str(key).replace("_", " "))
+
+
+def _with_unit(key: str, value: Any) -> str:
+    if isinstance(value, (int, float)) and key in _SHARES:
+        return f"{100 * value:.1f} %"
+    if isinstance(value, (int, float)) and key in _UNITS:
+        return f"{_text(value)} {_UNITS[key]}"
+    return _text(value)
 
 
 def _text(value: Any) -> str:

@@ -147,10 +147,32 @@ class TestBoundary:
     def test_exits_keep_their_status(self, code, status):
         assert console.guarded(lambda: sys.exit(code)) == status
 
-    def test_ctrl_c_inside_a_command(self, capsys):
+    @pytest.mark.parametrize(
+        ("error", "status", "lines"),
+        [
+            (KeyboardInterrupt(), 130, ["mocap-fit: stopped"]),
+            (BrokenPipeError(32, "Broken pipe"), 141, []),
+            (DataError("no frames"), 1, ["mocap-fit: error: no frames"]),
+            (OSError(13, "Permission denied", "a"), 1, ["mocap-fit: error: a: Permission denied"]),
+        ],
+    )
+    def test_typer_leaves_these_to_us(self, error, status, lines, capsys):
+        app = typer.Typer(cls=cli._Commands, pretty_exceptions_enable=False)
+
+        @app.callback()
+        def program() -> None:
+            pass
+
+        @app.command()
+        def command() -> None:
+            raise error
+
+        assert console.guarded(lambda: app(args=["command"])) == status
+        assert error_lines(capsys) == lines
+
+    def test_ctrl_c_before_a_command_has_begun(self, capsys):
         def action():
-            with console.command_boundary():
-                raise KeyboardInterrupt
+            raise KeyboardInterrupt
 
         assert console.guarded(action) == 130
         assert error_lines(capsys) == ["mocap-fit: stopped"]
@@ -235,7 +257,8 @@ class TestInfo:
         assert recording.name in shown.out
         assert "lip {odd} [bold]" in shown.out
         assert "zunge ü" in shown.out
-        assert "100" in shown.out
+        assert "100 Hz" in shown.out
+        assert "25.0 %" in shown.out
 
     def test_json_for_programs(self, recording, capsys):
         assert cli.main(["info", "--json", str(recording)]) == 0
@@ -244,6 +267,10 @@ class TestInfo:
         assert content["file"] == str(recording)
         assert content["rate"] == 100
         assert content["frames"] == 4
+        assert content["markers"] == [
+            {"name": "lip {odd} [bold]", "gap_rate": 0.0},
+            {"name": "zunge ü", "gap_rate": 0.25},
+        ]
 
     def test_a_bad_file_is_named_and_the_others_are_described(self, recording, tmp_path, capsys):
         bad = tmp_path / "bad.tsv"
@@ -277,12 +304,13 @@ class TestProcess:
         assert "zunge \\xfc" in run.stdout
 
     @pytest.mark.skipif(os.name == "nt", reason="Windows has no such pipes")
-    def test_a_reader_who_leaves_is_no_error(self, recording):
+    @pytest.mark.parametrize("options", [[], ["--json"]])
+    def test_a_reader_who_leaves_is_no_error(self, options, recording):
         read_end, write_end = os.pipe()
         os.close(read_end)
         with os.fdopen(write_end, "w") as pipe:
             run = subprocess.run(
-                [sys.executable, "-c", PROGRAM, "info", "--json", str(recording)],
+                [sys.executable, "-c", PROGRAM, "info", *options, str(recording)],
                 stdout=pipe,
                 stderr=subprocess.PIPE,
                 encoding="utf-8",
