@@ -1,0 +1,56 @@
+"""Loading a face: the built-in head, or a mesh of one's own with its rig file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mocap_fit.errors import MocapFitError
+from mocap_fit.face.mesh import Mesh
+from mocap_fit.face.rig import RIGS, Rig
+from mocap_fit.face.rig_file import RigFile, read_rig_file
+
+BUILT_IN = "built-in"
+
+
+def load_face(face: str | Path = BUILT_IN, *, mesh: Mesh | None = None) -> Rig:
+    """Load a face: a mesh and the rig that moves it.
+
+    Parameters
+    ----------
+    face
+        ``"built-in"``, or a rig file (TOML); see `mocap_fit.face.rig_file`.
+    mesh
+        Put the rig on this mesh instead of the one that the file names.
+
+    Raises
+    ------
+    ConfigurationError
+        If the rig file or the mesh is wrong, or they do not fit each other.
+    """
+    name = "parke" if str(face) == BUILT_IN else str(face)
+    rig_file = read_rig_file(name)
+    try:
+        mesh = rig_file.named(_mesh(rig_file, Path(name).parent) if mesh is None else mesh)
+        rig: Rig = RIGS.get(rig_file.kind).from_file(rig_file, mesh)
+    except MocapFitError as error:
+        # The rig file is where the user can mend it.
+        if error.path is None and str(face) != BUILT_IN:
+            raise type(error)(
+                error.problem,
+                path=name,
+                found=error.found,
+                expected=error.expected,
+                advice=error.advice,
+            ) from None
+        raise
+    return rig
+
+
+def _mesh(rig_file: RigFile, folder: Path) -> Mesh:
+    if rig_file.mesh is None:
+        from mocap_fit.face.builtin import built_in_head
+
+        return built_in_head()
+    from mocap_fit.face.import_mesh import read_mesh
+
+    return read_mesh(folder / rig_file.mesh, scale=rig_file.scale, axes=rig_file.axes)

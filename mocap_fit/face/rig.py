@@ -1,0 +1,228 @@
+"""Rigs: from face parameters to the vertices of a mesh.
+
+A rig is anything that follows the `Rig` protocol. One that can be written as ordered weighted
+translations, rotations and scalings and linear fields says so by `compile`, and the fitting
+kernel then evaluates only the vertices it needs; one that cannot is called back, slower, with
+the same answers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mocap_fit.errors import DataError
+from mocap_fit.face.mesh import IndexArray, Mesh
+from mocap_fit.registry import Registry
+from mocap_fit.tracks import FloatArray
+
+RIGS = Registry("mocap_fit.rigs", "rig")
+
+
+class Kind(IntEnum):
+    """What one operation of a compiled rig does to a vertex ``x`` at the parameter ``y``.
+
+    ``w`` is the vertex's weight, ``v`` the operation's vector and ``c`` its centre.
+    """
+
+    TRANSLATION = 0  # x + y w v
+    ROTATION = 1  # c + R(y w v) (x - c), v a rotation vector in radians
+    SCALING = 2  # c + (1 + y w v) (x - c), coordinate by coordinate
+    FIELD = 3  # x + y f, f the vertex's own displacement
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledRig:
+    """A rig as plain arrays, for some vertices: the one form that the kernels read.
+
+    Operations apply in order. All arrays are C-contiguous.
+
+    Parameters
+    ----------
+    vertex_ids
+        `(vertices,)`: which vertices of the mesh these are.
+    rest
+        `(vertices, 3)`, millimetres.
+    kinds
+        `(operations,)`, a `Kind` each.
+    parameters
+        `(operations,)`, index of the parameter that drives each.
+    weights
+        `(operations, vertices)`; not read by fields.
+    vectors, centres
+        `(operations, 3)`; see `Kind`.
+    fields
+        `(operations, vertices, 3)`, millimetres at parameter 1; read by fields alone, and of
+        length 0 along the first axis when there are none.
+    parameter_count
+        Number of parameters of the rig.
+    """
+
+    vertex_ids: IndexArray
+    rest: FloatArray
+    kinds: NDArray[np.int64]
+    parameters: NDArray[np.int64]
+    weights: FloatArray
+    vectors: FloatArray
+    centres: FloatArray
+    fields: FloatArray
+    parameter_count: int
+
+    def take(self, vertex_ids: IndexArray) -> CompiledRig:
+        """The same rig for some of its vertices, given as positions in `vertex_ids`."""
+        return CompiledRig(
+            np.ascontiguousarray(self.vertex_ids[vertex_ids]),
+            np.ascontiguousarray(self.rest[vertex_ids]),
+            self.kinds,
+            self.parameters,
+            np.ascontiguousarray(self.weights[:, vertex_ids]),
+            self.vectors,
+            self.centres,
+            np.ascontiguousarray(self.fields[:, vertex_ids]),
+            self.parameter_count,
+        )
+
+
+class Rig(Protocol):
+    """Parameters → vertices."""
+
+    @property
+    def mesh(self) -> Mesh:
+        """The mesh at rest."""
+        ...
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the parameters, in order."""
+        ...
+
+    @property
+    def bounds(self) -> FloatArray:
+        """`(parameters, 2)`: lower and upper bounds; 0 is rest, 1 the full gesture."""
+        ...
+
+    def deform(self, parameters: ArrayLike) -> FloatArray:
+        """Vertices, `(vertices, 3)` in millimetres, for `(parameters,)` values."""
+        ...
+
+    def jacobian(self, parameters: ArrayLike) -> FloatArray:
+        """Derivative of `deform`, `(vertices, 3, parameters)`, millimetres per unit."""
+        ...
+
+    def compile(self, vertex_ids: IndexArray) -> CompiledRig | None:
+        """The rig as arrays for those vertices, or None where it cannot be written so."""
+        ...
+
+
+def checked_parameters(values: ArrayLike, names: tuple[str, ...]) -> FloatArray:
+    """Parameters as `(parameters,)` float64.
+
+    Raises
+    ------
+    DataError
+        If their number is wrong or one is not finite.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != (len(names),):
+        raise DataError(
+            "the number of face parameters is wrong",
+            found=array.shape,
+            expected=f"({len(names)},): {', '.join(names)}",
+        )
+    if not np.isfinite(array).all():
+        raise DataError(f"the face parameter {names[int(np.argmin(np.isfinite(array)))]} is NaN")
+    return array
+
+
+def parameters_from(values: Mapping[str, float], names: tuple[str, ...]) -> FloatArray:
+    """`(parameters,)` from values by name; those not named are 0.
+
+    Raises
+    ------
+    DataError
+        If a name is not a parameter's.
+    """
+    unknown = [name for name in values if name not in names]
+    if unknown:
+        raise DataError(
+            f"there is no face parameter {', '.join(unknown)}",
+            expected=f"some of {', '.join(names)}",
+        )
+    return checked_parameters([float(values.get(name, 0.0)) for name in names], names)
+
+
+def evaluate(compiled: CompiledRig, parameters: FloatArray) -> FloatArray:
+    """Vertices of a compiled rig, `(vertices, 3)`, in millimetres, in plain numpy."""
+    vertices = compiled.rest.copy()
+    for operation, kind in enumerate(compiled.kinds):
+        value = parameters[compiled.parameters[operation]]
+        vector = compiled.vectors[operation]
+        centre = compiled.centres[operation]
+        weight = compiled.weights[operation, :, None]
+        if kind == Kind.TRANSLATION:
+            vertices += value * weight * vector
+        elif kind == Kind.FIELD:
+            vertices += value * compiled.fields[operation]
+        elif kind == Kind.SCALING:
+            vertices = centre + (1.0 + value * weight * vector) * (vertices - centre)
+        else:
+            vertices = centre + _rotated(vertices - centre, vector, value * weight)
+    return vertices
+
+
+def evaluate_jacobian(
+    compiled: CompiledRig, parameters: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Vertices and their derivative by every parameter, in plain numpy.
+
+    Returns
+    -------
+    vertices
+        `(vertices, 3)`, millimetres.
+    jacobian
+        `(vertices, 3, parameters)`, millimetres per unit.
+
+    Notes
+    -----
+    Derivatives are carried forward through the operations: each moves those that came before as
+    it moves the vertex, and adds its own.
+    """
+    vertices = compiled.rest.copy()
+    jacobian = np.zeros((compiled.parameter_count, *vertices.shape))
+    for operation, kind in enumerate(compiled.kinds):
+        index = compiled.parameters[operation]
+        value = parameters[index]
+        vector = compiled.vectors[operation]
+        centre = compiled.centres[operation]
+        weight = compiled.weights[operation, :, None]
+        if kind == Kind.TRANSLATION:
+            vertices += value * weight * vector
+            jacobian[index] += weight * vector
+        elif kind == Kind.FIELD:
+            vertices += value * compiled.fields[operation]
+            jacobian[index] += compiled.fields[operation]
+        elif kind == Kind.SCALING:
+            factors = 1.0 + value * weight * vector
+            own = weight * vector * (vertices - centre)
+            vertices = centre + factors * (vertices - centre)
+            jacobian *= factors
+            jacobian[index] += own
+        else:
+            vertices = centre + _rotated(vertices - centre, vector, value * weight)
+            jacobian = _rotated(jacobian, vector, value * weight)
+            jacobian[index] += weight * np.cross(vector, vertices - centre)
+    return vertices, np.moveaxis(jacobian, 0, 2)
+
+
+def _rotated(points: FloatArray, vector: FloatArray, amounts: FloatArray) -> FloatArray:
+    """Points turned by `amounts` times a rotation vector (Rodrigues' formula)."""
+    angle = float(np.linalg.norm(vector))
+    axis = vector / angle
+    cosine, sine = np.cos(amounts * angle), np.sin(amounts * angle)
+    along = np.sum(points * axis, axis=-1, keepdims=True) * axis
+    return np.asarray(along + cosine * (points - along) + sine * np.cross(axis, points))

@@ -1,0 +1,104 @@
+"""Weights over a mesh: how much of a transform each vertex takes."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
+
+from mocap_fit.errors import ConfigurationError
+from mocap_fit.face.mesh import IndexArray
+from mocap_fit.tracks import FloatArray
+
+
+def falloff(vertices: FloatArray, centre: FloatArray, radii: FloatArray) -> FloatArray:
+    """Weights that fall smoothly from 1 at a centre to 0 on an ellipsoid round it.
+
+    Parameters
+    ----------
+    vertices
+        `(vertices, 3)`, millimetres.
+    centre, radii
+        `(3,)`, millimetres; radii along x, y and z.
+
+    Returns
+    -------
+    FloatArray
+        `(vertices,)`, the cubic smoothstep of one minus the normalised distance.
+    """
+    distance = np.linalg.norm((vertices - centre) / radii, axis=1)
+    rest = np.clip(1.0 - distance, 0.0, 1.0)
+    return np.asarray(rest * rest * (3.0 - 2.0 * rest))
+
+
+def interpolated(
+    vertices: FloatArray, triangles: IndexArray, known: IndexArray, values: FloatArray
+) -> FloatArray:
+    """Weights that take given values at some vertices and are as smooth as can be between.
+
+    The bending energy of the field (its squared Laplacian) is least, so that there is no crease
+    at the known vertices; the answer follows the surface, so the two lips, which touch at rest
+    but are far apart along the skin, do not bleed into each other.
+
+    Parameters
+    ----------
+    vertices, triangles
+        The mesh: `(vertices, 3)` and `(triangles, 3)`.
+    known
+        `(known,)`, vertex indices.
+    values
+        `(known,)`, their values, within [0, 1].
+
+    Returns
+    -------
+    FloatArray
+        `(vertices,)`, clipped to [0, 1]; 0 on the pieces of the mesh with no known vertex.
+
+    Raises
+    ------
+    ConfigurationError
+        If no vertex is known.
+    """
+    if len(known) == 0:
+        raise ConfigurationError("a weight field has no vertex of known value")
+    laplacian, areas = _laplacian(vertices, triangles)
+    bending = laplacian.T @ sparse.diags(1.0 / areas) @ laplacian
+    _, piece = connected_components(laplacian, directed=False)
+    reached = np.isin(piece, piece[known])
+    free = reached.copy()
+    free[known] = False
+    field = np.zeros(len(vertices))
+    field[known] = values
+    bending = bending.tocsc()
+    free_ids = np.flatnonzero(free)
+    if free_ids.size:
+        right = -bending[free_ids][:, known] @ values
+        field[free_ids] = splu(bending[free_ids][:, free_ids].tocsc()).solve(right)
+    return np.clip(field, 0.0, 1.0)
+
+
+def _laplacian(vertices: FloatArray, triangles: IndexArray) -> tuple[sparse.csr_matrix, FloatArray]:
+    """The cotangent Laplacian of the mesh, and a third of the area round every vertex."""
+    count = len(vertices)
+    areas = np.zeros(count)
+    rows, columns, entries = [], [], []
+    for corner in range(3):
+        here = triangles[:, corner]
+        one, other = triangles[:, (corner + 1) % 3], triangles[:, (corner + 2) % 3]
+        edge, side = vertices[one] - vertices[here], vertices[other] - vertices[here]
+        double_area = np.linalg.norm(np.cross(edge, side), axis=1)
+        # Slivers have huge cotangents, obtuse corners negative ones: both spoil the field.
+        cotangent = np.clip(
+            np.sum(edge * side, axis=1) / np.maximum(double_area, 1e-12), 0.05, 20.0
+        )
+        rows += [one, other]
+        columns += [other, one]
+        entries += [cotangent / 2, cotangent / 2]
+        np.add.at(areas, here, double_area / 6)
+    adjacency = sparse.csr_matrix(
+        (np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns))),
+        shape=(count, count),
+    )
+    degree = np.asarray(adjacency.sum(axis=1)).ravel()
+    return sparse.diags(degree) - adjacency, np.maximum(areas, areas[areas > 0].min())

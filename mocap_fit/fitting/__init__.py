@@ -1,0 +1,19 @@
+"""Fitting: from marker tracks to face parameters."""
+
+from mocap_fit.fitting.binding import Binding, bind_markers
+from mocap_fit.fitting.layout import Layout, LayoutMarker, load_layout, shipped_layouts
+from mocap_fit.fitting.orientation import Orientation, fit_orientation
+from mocap_fit.fitting.shape import ShapeFit, fit_shape
+
+__all__ = [
+    "Binding",
+    "Layout",
+    "LayoutMarker",
+    "Orientation",
+    "ShapeFit",
+    "bind_markers",
+    "fit_orientation",
+    "fit_shape",
+    "load_layout",
+    "shipped_layouts",
+]

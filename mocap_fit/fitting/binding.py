@@ -1,0 +1,336 @@
+"""Virtual markers: points tied to the face that move with it (Beskow eq. 2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap_fit.errors import ConfigurationError, DataError
+from mocap_fit.face import CompiledRig, Rig, parameters_from
+from mocap_fit.face.mesh import IndexArray, Mesh
+from mocap_fit.face.rig import evaluate_jacobian
+from mocap_fit.fitting.layout import Layout
+from mocap_fit.fitting.orientation import Orientation
+from mocap_fit.tracks import FloatArray, MarkerTracks
+
+# A marker tied to a feature point looks for its triangle within this many mouth widths of it.
+_REACH = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Binding:
+    """Virtual markers on a face.
+
+    ``q = v1 + s (v2 - v1) + t (v3 - v1) + u e1`` with ``e1`` the unit vertex normal at ``v1``
+    (the sum of the cross products of the triangles round it). The third coordinate, printed as a
+    second s in the paper's text, is u.
+
+    Parameters
+    ----------
+    rig
+        The face.
+    names
+        Marker names.
+    weights
+        `(markers,)`: weight of each in the fit.
+    orientation
+        Takes the speaker's head coordinates to the face's.
+    reference_parameters
+        `(parameters,)`: the face parameters at which the markers were tied.
+    vertex_ids
+        `(vertices,)`: vertices of the mesh that the markers need; the rest is in terms of these.
+    corners
+        `(markers, 3)`: v1, v2, v3.
+    coordinates
+        `(markers, 3)`: s, t, u.
+    ring_starts, rings
+        Triangles round v1: those of marker m are ``rings[ring_starts[m]:ring_starts[m + 1]]``,
+        `(triangles, 2)`, their other two corners in order.
+    compiled
+        The rig for those vertices; None where it cannot be compiled.
+    head_names
+        Names of the head reference markers that the reference pose has.
+    head_positions
+        `(head markers, 3)`: where they are, in the face's coordinates.
+    head_weights
+        `(head markers,)`.
+    """
+
+    rig: Rig
+    names: tuple[str, ...]
+    weights: FloatArray
+    orientation: Orientation
+    reference_parameters: FloatArray
+    vertex_ids: IndexArray
+    corners: NDArray[np.int64]
+    coordinates: FloatArray
+    ring_starts: NDArray[np.int64]
+    rings: NDArray[np.int64]
+    compiled: CompiledRig | None
+    head_names: tuple[str, ...]
+    head_positions: FloatArray
+    head_weights: FloatArray
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the face parameters."""
+        return self.rig.parameter_names
+
+    def evaluate(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Virtual markers and their derivative, in plain numpy.
+
+        This is the reference that the compiled kernel is held to, and serves rigs that cannot be
+        compiled.
+
+        Parameters
+        ----------
+        parameters
+            `(parameters,)`.
+
+        Returns
+        -------
+        positions
+            `(markers, 3)`, millimetres of the face.
+        jacobian
+            `(markers, 3, parameters)`, millimetres per unit.
+        """
+        if self.compiled is not None:
+            vertices, slopes = evaluate_jacobian(self.compiled, parameters)
+        else:
+            vertices = self.rig.deform(parameters)[self.vertex_ids]
+            slopes = self.rig.jacobian(parameters)[self.vertex_ids]
+        return virtual_markers(
+            vertices, slopes, self.corners, self.coordinates, self.ring_starts, self.rings
+        )
+
+
+def virtual_markers(
+    vertices: FloatArray,
+    slopes: FloatArray,
+    corners: NDArray[np.int64],
+    coordinates: FloatArray,
+    ring_starts: NDArray[np.int64],
+    rings: NDArray[np.int64],
+) -> tuple[FloatArray, FloatArray]:
+    """Beskow eq. 2 and its derivative; see `Binding` for the arrays.
+
+    Parameters
+    ----------
+    vertices
+        `(vertices, 3)`.
+    slopes
+        `(vertices, 3, parameters)`: derivative of the vertices.
+
+    Returns
+    -------
+    positions
+        `(markers, 3)`.
+    jacobian
+        `(markers, 3, parameters)`.
+    """
+    first, second, third = corners.T
+    s, t, u = (column[:, None] for column in coordinates.T)
+    centre = np.repeat(first, np.diff(ring_starts))
+    one, other = vertices[rings[:, 0]] - vertices[centre], vertices[rings[:, 1]] - vertices[centre]
+    d_one = slopes[rings[:, 0]] - slopes[centre]
+    d_other = slopes[rings[:, 1]] - slopes[centre]
+    normal = np.add.reduceat(np.cross(one, other), ring_starts[:-1])
+    d_normal = np.add.reduceat(
+        np.cross(d_one, other[:, :, None], axis=1) + np.cross(one[:, :, None], d_other, axis=1),
+        ring_starts[:-1],
+    )
+    length = np.linalg.norm(normal, axis=1)[:, None]
+    unit = normal / length
+    # The derivative of a unit vector is that of the vector, less its part along the vector.
+    along = np.einsum("mi,mip->mp", unit, d_normal)[:, None, :] * unit[:, :, None]
+    d_unit = (d_normal - along) / length[:, :, None]
+    positions = (1 - s - t) * vertices[first] + s * vertices[second] + t * vertices[third]
+    jacobian = (
+        (1 - s - t)[:, :, None] * slopes[first]
+        + s[:, :, None] * slopes[second]
+        + t[:, :, None] * slopes[third]
+    )
+    return positions + u * unit, jacobian + u[:, :, None] * d_unit
+
+
+def reference_pose(reference: MarkerTracks) -> dict[str, FloatArray]:
+    """Median position of every marker over the frames of a reference recording.
+
+    Markers that are never seen are left out.
+    """
+    pose = {}
+    for i, name in enumerate(reference.names):
+        seen = reference.positions[reference.visible[:, i], i]
+        if len(seen):
+            pose[name] = np.median(seen, axis=0)
+    return pose
+
+
+def bind_markers(
+    rig: Rig, layout: Layout, reference: MarkerTracks, orientation: Orientation
+) -> Binding:
+    """Tie the face markers of a layout to a face, in the reference pose.
+
+    Parameters
+    ----------
+    rig
+        The face.
+    layout
+        What each marker is.
+    reference
+        The reference pose in head coordinates, one frame or more (their median is used).
+    orientation
+        Takes the head coordinates to the face's; from `fit_orientation`.
+
+    Returns
+    -------
+    Binding
+        The virtual markers; in the reference pose they are where the markers are.
+
+    Raises
+    ------
+    DataError
+        If a face marker of the layout is not in the reference pose.
+    ConfigurationError
+        If the layout names regions, feature points or parameters that the face does not have.
+
+    Notes
+    -----
+    A marker is tied to the nearest triangle of its region, and of the neighbourhood of its
+    feature point where it has one: at the seam of the lips the nearest triangle of the whole
+    face would be a coin flip.
+    """
+    pose = reference_pose(reference)
+    missing = [marker.name for marker in layout.face_markers if marker.name not in pose]
+    if missing:
+        raise DataError(
+            f"the reference pose lacks {len(missing)} face markers of the layout "
+            f"'{layout.name}': {', '.join(missing)}",
+            found=", ".join(reference.names),
+            advice="Choose the layout that the recording was made with, or correct its names.",
+        )
+    parameters = parameters_from(layout.reference_parameters, rig.parameter_names)
+    vertices = rig.deform(parameters)
+    mesh = rig.mesh
+    corners, places = [], []
+    for marker in layout.face_markers:
+        place = orientation.apply(pose[marker.name])
+        candidates = _candidates(mesh, vertices, marker.region, marker.feature_point)
+        if candidates.size == 0:
+            raise ConfigurationError(
+                f"no triangle of the face is in the region of the marker '{marker.name}'",
+                found=f"region {list(marker.region)}, feature point {marker.feature_point}",
+                advice="Name a region that holds the feature point.",
+            )
+        chosen = candidates[_nearest_triangle(place, vertices[mesh.triangles[candidates]])]
+        corners.append(_from_nearest_corner(mesh.triangles[chosen], vertices, place))
+        places.append(place)
+    head = {
+        marker.name: (orientation.apply(pose[marker.name]), marker.weight)
+        for marker in layout.head_markers
+        if marker.name in pose
+    }
+    tied = _tied(rig, vertices, np.array(corners), np.array(places))
+    return Binding(
+        rig=rig,
+        names=tuple(marker.name for marker in layout.face_markers),
+        weights=np.array([marker.weight for marker in layout.face_markers]),
+        orientation=orientation,
+        reference_parameters=parameters,
+        vertex_ids=tied.vertex_ids,
+        corners=tied.corners,
+        coordinates=tied.coordinates,
+        ring_starts=tied.ring_starts,
+        rings=tied.rings,
+        compiled=rig.compile(tied.vertex_ids),
+        head_names=tuple(head),
+        head_positions=np.array([place for place, _ in head.values()]).reshape(-1, 3),
+        head_weights=np.array([weight for _, weight in head.values()]),
+    )
+
+
+class _Tied(NamedTuple):
+    vertex_ids: IndexArray
+    corners: NDArray[np.int64]
+    coordinates: FloatArray
+    ring_starts: NDArray[np.int64]
+    rings: NDArray[np.int64]
+
+
+def _tied(rig: Rig, vertices: FloatArray, corners: IndexArray, places: FloatArray) -> _Tied:
+    """Coordinates s, t, u of places with respect to triangles, and the rings they need."""
+    triangles = rig.mesh.triangles
+    starts, rings = [0], []
+    for corner in corners:
+        touching = triangles[(triangles == corner[0]).any(axis=1)]
+        position = np.argmax(touching == corner[0], axis=1)
+        rows = np.arange(len(touching))
+        rings.append(
+            np.stack([touching[rows, (position + 1) % 3], touching[rows, (position + 2) % 3]], 1)
+        )
+        starts.append(starts[-1] + len(touching))
+    ring_array = np.concatenate(rings)
+    vertex_ids = np.unique(np.concatenate([corners.ravel(), ring_array.ravel()]))
+    local_corners = np.searchsorted(vertex_ids, corners)
+    local_rings = np.searchsorted(vertex_ids, ring_array)
+    ring_starts = np.array(starts, dtype=np.int64)
+    local = vertices[vertex_ids]
+    # The normal at v1 comes out of eq. 2 itself, with s = t = 0 and u = 1.
+    only_normal = np.tile([0.0, 0.0, 1.0], (len(corners), 1))
+    no_slopes = np.zeros((*local.shape, 0))
+    tips, _ = virtual_markers(
+        local, no_slopes, local_corners, only_normal, ring_starts, local_rings
+    )
+    first, second, third = (local[local_corners[:, i]] for i in range(3))
+    axes = np.stack([second - first, third - first, tips - first], axis=2)
+    coordinates = np.linalg.solve(axes, (places - first)[:, :, None])[:, :, 0]
+    return _Tied(vertex_ids, local_corners, coordinates, ring_starts, local_rings)
+
+
+def _candidates(
+    mesh: Mesh, vertices: FloatArray, region: tuple[str, ...], feature_point: str | None
+) -> IndexArray:
+    """Triangles that a marker may be tied to, as indices."""
+    skin = mesh.part("skin")
+    allowed = np.zeros(len(vertices), dtype=bool)
+    if region:
+        for name in region:
+            allowed[mesh.region(name)] = True
+    else:
+        allowed[skin.vertices.start : skin.vertices.stop] = True
+    if feature_point is not None:
+        point = vertices[mesh.feature_point(feature_point)]
+        mouth = vertices[[mesh.feature_point("8.3"), mesh.feature_point("8.4")]]
+        reach = _REACH * np.linalg.norm(mouth[0] - mouth[1])
+        allowed &= np.linalg.norm(vertices - point, axis=1) <= reach
+    return np.flatnonzero(allowed[mesh.triangles].all(axis=1))
+
+
+def _nearest_triangle(point: FloatArray, triangles: FloatArray) -> int:
+    """Index of the triangle, of `(triangles, 3, 3)`, whose nearest point is nearest."""
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    normal = np.cross(b - a, c - a)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    foot = point - np.sum((point - a) * normal, axis=1, keepdims=True) * normal
+    inside = np.ones(len(triangles), dtype=bool)
+    squared = np.full(len(triangles), np.inf)
+    for start, end in ((a, b), (b, c), (c, a)):
+        edge = end - start
+        inside &= np.sum(np.cross(edge, foot - start) * normal, axis=1) >= 0
+        along = np.sum((point - start) * edge, axis=1)
+        along = np.clip(along / np.maximum(np.sum(edge * edge, axis=1), 1e-12), 0.0, 1.0)
+        nearest = start + along[:, None] * edge
+        squared = np.minimum(squared, np.sum((point - nearest) ** 2, axis=1))
+    squared = np.where(inside, np.sum((point - foot) ** 2, axis=1), squared)
+    return int(np.argmin(squared))
+
+
+def _from_nearest_corner(
+    triangle: IndexArray, vertices: FloatArray, point: FloatArray
+) -> IndexArray:
+    """The triangle's corners, in order, starting from the one nearest to the point."""
+    nearest = int(np.argmin(np.linalg.norm(vertices[triangle] - point, axis=1)))
+    return np.roll(triangle, -nearest)

@@ -1,0 +1,149 @@
+"""Marker layouts: what each marker of a recording is (TOML)."""
+
+from __future__ import annotations
+
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from mocap_fit.errors import ConfigurationError
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class LayoutMarker(_Strict):
+    """One marker of a layout.
+
+    Parameters
+    ----------
+    name
+        Its name in the recording.
+    role
+        ``face``: fitted; ``head``: a rigid reference of the head's motion.
+    feature_point
+        The MPEG-4 feature point that it sits on.
+    region
+        Regions of the face whose triangles it may be tied to, so that a marker on the upper lip
+        is never tied to the lower one; the whole skin when left out.
+    weight
+        Its weight in the fit; for a head marker, in the head's pose.
+    orientation
+        Whether it is one of the strategic points of the orientation fit (Beskow eq. 1); needs a
+        feature point.
+    position
+        Where it is on the built-in head, `(x, y, z)` in millimetres: for simulation, and for
+        pictures. A face marker with a feature point may leave it out.
+    """
+
+    name: str = Field(min_length=1)
+    role: Literal["face", "head"] = "face"
+    feature_point: str | None = None
+    region: tuple[str, ...] = ()
+    weight: float = Field(default=1.0, gt=0)
+    orientation: bool = False
+    position: tuple[float, float, float] | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> LayoutMarker:
+        if self.orientation and self.feature_point is None:
+            raise ValueError(f"'{self.name}' has orientation = true but no feature_point")
+        if self.role == "face" and self.feature_point is None and not self.region:
+            raise ValueError(f"'{self.name}' needs a feature_point or a region")
+        return self
+
+
+class Layout(_Strict):
+    """A marker layout.
+
+    Parameters
+    ----------
+    name, description
+        For people.
+    reference_parameters
+        Face parameters of the reference pose; those not named are 0 (jaw and lips closed).
+    markers
+        The markers, in any order.
+    """
+
+    name: str = ""
+    description: str = ""
+    reference_parameters: dict[str, float] = {}
+    markers: tuple[LayoutMarker, ...]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Layout:
+        names = [marker.name for marker in self.markers]
+        duplicates = sorted({name for name in names if names.count(name) > 1})
+        if duplicates:
+            raise ValueError(f"more than one marker is called {', '.join(duplicates)}")
+        if not self.face_markers:
+            raise ValueError("no marker has the role 'face'")
+        strategic = [m for m in self.markers if m.orientation]
+        if len(strategic) < 3:
+            raise ValueError(
+                f"{len(strategic)} markers have orientation = true; three or more are needed"
+            )
+        return self
+
+    @property
+    def face_markers(self) -> tuple[LayoutMarker, ...]:
+        """The markers that are fitted."""
+        return tuple(marker for marker in self.markers if marker.role == "face")
+
+    @property
+    def head_markers(self) -> tuple[LayoutMarker, ...]:
+        """The rigid references of the head's motion."""
+        return tuple(marker for marker in self.markers if marker.role == "head")
+
+
+def shipped_layouts() -> tuple[str, ...]:
+    """Names of the layouts that come with the package."""
+    files = resources.files("mocap_fit.fitting").joinpath("layouts").iterdir()
+    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
+
+
+def load_layout(name: str | Path) -> Layout:
+    """Load a marker layout.
+
+    Parameters
+    ----------
+    name
+        The name of a shipped layout, or a TOML file.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such layout, or it contradicts itself; the message says where.
+    """
+    text_name = str(name)
+    try:
+        if text_name in shipped_layouts():
+            folder = resources.files("mocap_fit.fitting").joinpath("layouts")
+            text = folder.joinpath(f"{text_name}.toml").read_text("utf-8")
+        else:
+            text = Path(name).read_text("utf-8")
+        content = tomllib.loads(text)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError(
+            "the layout cannot be read",
+            path=text_name,
+            found=error,
+            advice=f"Give a TOML file, or a shipped layout: {', '.join(shipped_layouts())}.",
+        ) from None
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigurationError("the layout is not TOML", path=text_name, found=error) from None
+    try:
+        layout = Layout.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ConfigurationError(
+            f"the layout is wrong at {'.'.join(map(str, first['loc'])) or 'its top'}",
+            path=text_name,
+            found=first["msg"],
+        ) from None
+    return layout if layout.name else layout.model_copy(update={"name": Path(text_name).stem})

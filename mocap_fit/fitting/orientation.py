@@ -1,0 +1,203 @@
+"""The orientation fit: the speaker's head coordinates onto the face's (Beskow eq. 1)."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import nlopt
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from mocap_fit.errors import DataError
+from mocap_fit.face import Rig, parameters_from
+from mocap_fit.fitting.layout import Layout
+from mocap_fit.tracks import FloatArray, MarkerTracks
+from mocap_fit.tracks.rigid import similarity_transform
+
+# A face is between a fifth and five times the size of another one; beyond, the unit is wrong.
+_PLAUSIBLE_SCALE = (0.2, 5.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Orientation:
+    """A similarity transform ``x → scale · rotation · x + translation``.
+
+    Parameters
+    ----------
+    scale
+        Millimetres of the face per millimetre of the speaker.
+    rotation
+        `(3, 3)`.
+    translation
+        `(3,)`, millimetres of the face.
+    residuals
+        `(points,)`: distance of each strategic point from its feature point after the transform,
+        millimetres of the face, by name.
+    evaluations
+        How often the objective was evaluated.
+    """
+
+    scale: float = 1.0
+    rotation: FloatArray = None  # type: ignore[assignment]
+    translation: FloatArray = None  # type: ignore[assignment]
+    residuals: Mapping[str, float] | None = None
+    evaluations: int = 0
+
+    def __post_init__(self) -> None:
+        if self.rotation is None:
+            object.__setattr__(self, "rotation", np.eye(3))
+        if self.translation is None:
+            object.__setattr__(self, "translation", np.zeros(3))
+
+    def apply(self, points: FloatArray) -> FloatArray:
+        """Points of the speaker, `(..., 3)`, in the face's coordinates."""
+        return np.asarray(self.scale * points @ self.rotation.T + self.translation)
+
+    def undo(self, points: FloatArray) -> FloatArray:
+        """Points of the face, `(..., 3)`, in the speaker's head coordinates."""
+        return np.asarray((points - self.translation) @ self.rotation / self.scale)
+
+
+def fit_orientation(
+    rig: Rig,
+    layout: Layout,
+    reference: MarkerTracks,
+    *,
+    objective: Literal["distances", "squares"] = "distances",
+) -> Orientation:
+    """Find the transform that best lays the speaker's strategic points on the face's.
+
+    Parameters
+    ----------
+    rig
+        The face.
+    layout
+        The layout; its markers with ``orientation = true`` are the strategic points.
+    reference
+        The reference pose in head coordinates, one frame or more (their median is used).
+    objective
+        ``distances``: the sum of distances, as in eq. 1. ``squares``: the sum of squared
+        distances, whose answer is also that of Procrustes in closed form.
+
+    Raises
+    ------
+    DataError
+        If fewer than three strategic points are in the reference, they lie on a line, or the
+        sizes are so different that the unit must be wrong.
+    """
+    from mocap_fit.fitting.binding import reference_pose
+
+    pose = reference_pose(reference)
+    strategic = [m for m in layout.markers if m.orientation and m.name in pose]
+    if len(strategic) < 3:
+        raise DataError(
+            "too few strategic points of the layout are in the reference pose",
+            found=", ".join(m.name for m in strategic) or "none",
+            expected="three or more of "
+            + ", ".join(m.name for m in layout.markers if m.orientation),
+        )
+    vertices = rig.deform(parameters_from(layout.reference_parameters, rig.parameter_names))
+    source = np.array([pose[m.name] for m in strategic])
+    target = np.array([vertices[rig.mesh.feature_point(m.feature_point or "")] for m in strategic])
+    orientation = orient_points(source, target, objective=objective)
+    lower, upper = _PLAUSIBLE_SCALE
+    if not lower <= orientation.scale <= upper:
+        raise DataError(
+            "the recorded face and the model differ too much in size",
+            found=f"the model is {orientation.scale:.4g} times the recording",
+            expected=f"{lower:g} to {upper:g} times",
+            advice="Check the recording's unit: positions must be millimetres.",
+        )
+    distances = np.linalg.norm(orientation.apply(source) - target, axis=1)
+    residuals = {m.name: float(d) for m, d in zip(strategic, distances, strict=True)}
+    return Orientation(
+        orientation.scale,
+        orientation.rotation,
+        orientation.translation,
+        residuals,
+        orientation.evaluations,
+    )
+
+
+def orient_points(
+    source: FloatArray,
+    target: FloatArray,
+    *,
+    objective: Literal["distances", "squares"] = "distances",
+) -> Orientation:
+    """Find the similarity transform that lays one set of points on another.
+
+    Seven free parameters: translation, rotation and scale (its logarithm, so that it stays
+    positive); started from the closed form of least squares, which lies close, and minimised by
+    nlopt.
+
+    Parameters
+    ----------
+    source, target
+        `(points, 3)`, three or more that do not lie on a line.
+    objective
+        See `fit_orientation`.
+    """
+    scale, rotation, translation = similarity_transform(source, target)
+    # About the centroid and in units of the size, the seven parameters are alike in effect.
+    centre, middle = source.mean(axis=0), target.mean(axis=0)
+    size = float(np.sqrt(np.mean(np.sum((target - middle) ** 2, axis=1))))
+    points, goals = scale * (source - centre) @ rotation.T / size, (target - middle) / size
+    shift = (scale * rotation @ centre + translation - middle) / size
+    evaluations = 0
+    best: tuple[float, FloatArray] = (np.inf, np.zeros(7))
+
+    def cost(x: FloatArray, gradient: FloatArray) -> float:
+        nonlocal evaluations, best
+        evaluations += 1
+        turned = np.exp(x[6]) * Rotation.from_rotvec(x[3:6]).apply(points)
+        difference = turned + x[:3] - goals
+        if objective == "squares":
+            value = float(np.sum(difference**2))
+            pull = 2.0 * difference
+        else:
+            distance = np.linalg.norm(difference, axis=1, keepdims=True)
+            value = float(distance.sum())
+            pull = difference / np.maximum(distance, 1e-12)
+        if gradient.size:
+            gradient[:3] = pull.sum(axis=0)
+            # d(R p)/d(rotation vector) = -[R p]x Jl: torque through the left Jacobian.
+            torque = np.cross(turned, pull).sum(axis=0)
+            gradient[3:6] = left_jacobian(x[3:6]).T @ torque
+            gradient[6] = np.sum(pull * turned)
+        if value < best[0]:
+            best = (value, x.copy())
+        return value
+
+    optimiser = nlopt.opt(nlopt.LD_SLSQP, 7)
+    optimiser.set_min_objective(cost)
+    optimiser.set_xtol_abs(1e-12)
+    optimiser.set_ftol_rel(1e-14)
+    optimiser.set_maxeval(500)
+    start = np.concatenate([shift, np.zeros(4)])
+    # Rounding may stop the solver at the very end; the best point so far is kept.
+    with contextlib.suppress(nlopt.RoundoffLimited, RuntimeError):
+        optimiser.optimize(start)
+    x = best[1]
+    turn = Rotation.from_rotvec(x[3:6]).as_matrix()
+    scale, rotation = float(scale * np.exp(x[6])), turn @ rotation
+    return Orientation(
+        scale, rotation, middle + size * x[:3] - scale * rotation @ centre, None, evaluations
+    )
+
+
+def left_jacobian(vector: FloatArray) -> FloatArray:
+    """Left Jacobian of the rotation group at a rotation vector, `(3, 3)`."""
+    angle = float(np.linalg.norm(vector))
+    x, y, z = vector
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    if angle < 1e-6:
+        return np.eye(3) + skew / 2
+    return np.asarray(
+        np.eye(3)
+        + (1 - np.cos(angle)) / angle**2 * skew
+        + (angle - np.sin(angle)) / angle**3 * skew @ skew
+    )
