@@ -159,6 +159,10 @@ def warnings_in_one_line() -> Iterator[None]:
             say(text)
 
     with warnings.catch_warnings():
+        if not debugging():
+            # What a library says to its programmers is nothing that a user can mend.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            warnings.simplefilter("ignore", FutureWarning)
         # Python shows a warning once a place; two files with the same fault deserve one each.
         warnings.simplefilter("always", MocapFitWarning)
         warnings.showwarning = show

@@ -189,6 +189,14 @@ class TestBoundary:
             "mocap-fit: warning: b.tsv: one row is cut off",
         ]
 
+    def test_users_do_not_see_warnings_for_programmers(self, capsys):
+        def action():
+            for category in (FutureWarning, DeprecationWarning, UserWarning):
+                warnings.warn("strange", category, stacklevel=1)
+
+        assert console.guarded(action) == 0
+        assert error_lines(capsys) == ["mocap-fit: warning: UserWarning: strange"]
+
     def test_a_stream_that_cannot_show_a_name(self, monkeypatch):
         written = io.BytesIO()
         monkeypatch.setattr(sys, "stderr", io.TextIOWrapper(written, encoding="ascii"))
