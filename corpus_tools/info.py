@@ -60,12 +60,7 @@ def _show(content: Mapping[str, Any]) -> None:
     from rich.text import Text
 
     screen = console.screen()
-    summary = Table(
-        title=Text(console.printable(str(content["file"]))),
-        title_justify="left",
-        show_header=False,
-        box=box.SIMPLE,
-    )
+    summary = Table(show_header=False, box=box.SIMPLE)
     summary.add_column(style="bold", no_wrap=True)
     summary.add_column(overflow="fold")
     tables = [summary]
@@ -76,6 +71,9 @@ def _show(content: Mapping[str, Any]) -> None:
             tables.append(_record_table(key, value))
         else:
             summary.add_row(Text(_label(key)), Text(_with_unit(key, value)))
+    # A path is never broken over lines, or nobody could copy it.
+    path = console.printable(str(content["file"]))
+    screen.print(Text(path, style="bold"), soft_wrap=True)
     for table in tables:
         screen.print(table)
 
