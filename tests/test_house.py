@@ -182,6 +182,21 @@ def test_both_packages_are_typed_and_say_so_when_installed():
         assert "py.typed" in settings["tool"]["setuptools"]["package-data"][package]
 
 
+def test_every_data_file_is_installed():
+    """An editable install has them all; only what package-data names reaches a user."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    for package in PACKAGES:
+        folder = ROOT / package
+        patterns = settings["tool"]["setuptools"]["package-data"][package]
+        installed = {path for pattern in patterns for path in folder.glob(pattern)}
+        data = {
+            path
+            for path in folder.rglob("*")
+            if path.is_file() and path.suffix != ".py" and "__pycache__" not in path.parts
+        }
+        assert not data - installed, "name them under package-data in pyproject.toml"
+
+
 def test_the_version_has_one_home():
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     assert "version" not in settings["project"]
