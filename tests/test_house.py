@@ -192,7 +192,10 @@ def test_every_data_file_is_installed():
         data = {
             path
             for path in folder.rglob("*")
-            if path.is_file() and path.suffix != ".py" and "__pycache__" not in path.parts
+            if path.is_file()
+            and path.suffix != ".py"
+            and not path.name.startswith(".")
+            and "__pycache__" not in path.parts
         }
         assert not data - installed, "name them under package-data in pyproject.toml"
 
