@@ -174,6 +174,10 @@ class Mesh:
             f"the mesh has no region '{name}'", expected=f"one of {', '.join(known)}"
         )
 
+    def has_region(self, name: str) -> bool:
+        """Whether there is a region or a part of that name."""
+        return name in self.regions or any(part.name == name for part in self.parts)
+
     def feature_point(self, name: str) -> int:
         """Vertex index of an MPEG-4 feature point."""
         try:

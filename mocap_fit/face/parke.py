@@ -140,10 +140,12 @@ def _weights(rig_file: RigFile, mesh: Mesh, scale: float) -> dict[str, FloatArra
                 )
             share = share * (weights[other] if factor == other else 1.0 - weights[other])
         for part, value in weight.parts.items():
-            members = mesh.part(part).vertices
-            share[members.start : members.stop] = value
+            if mesh.has_region(part):
+                share[mesh.region(part)] = value
         weights[name] = share
     for follower, leader in rig_file.follow.items():
+        if not mesh.has_region(follower):
+            continue
         followers, leaders = mesh.region(follower), mesh.region(leader)
         _, nearest = cKDTree(mesh.vertices[leaders]).query(mesh.vertices[followers])
         for share in weights.values():
@@ -159,7 +161,10 @@ def _own_weight(name: str, weight: Weight, mesh: Mesh, scale: float) -> FloatArr
     if weight.centre is not None and weight.radii is not None:
         centre = weight.centre.position(mesh, scale)
         share[vertices] = falloff(
-            mesh.vertices[vertices], centre, scale * np.asarray(weight.radii, dtype=np.float64)
+            mesh.vertices[vertices],
+            centre,
+            scale * np.asarray(weight.radii, dtype=np.float64),
+            weight.plateau,
         )
         return share
     totals, counts = np.zeros(len(mesh.vertices)), np.zeros(len(mesh.vertices))

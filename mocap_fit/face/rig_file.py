@@ -57,28 +57,35 @@ AnyPoint = Annotated[Point, BeforeValidator(_point)]
 
 
 class Constraint(_Strict):
-    """Vertices at which a weight field has a known value."""
+    """Vertices at which a weight field has a known value.
+
+    Optional regions are passed over where the mesh does not have them.
+    """
 
     value: float = Field(ge=0, le=1)
     regions: tuple[str, ...] = ()
+    optional_regions: tuple[str, ...] = ()
     feature_points: tuple[str, ...] = ()
 
     def members(self, mesh: Mesh) -> IndexArray:
         """Indices of the vertices, unique."""
         points = np.array([mesh.feature_point(n) for n in self.feature_points], dtype=np.int64)
-        return np.unique(np.concatenate([points, *(mesh.region(n) for n in self.regions)]))
+        there = [name for name in self.optional_regions if mesh.has_region(name)]
+        regions = [mesh.region(name) for name in (*self.regions, *there)]
+        return np.unique(np.concatenate([points, *regions]))
 
 
 class Weight(_Strict):
     """The share of a transform that each vertex takes.
 
-    Either a falloff round a centre, or a smooth field through known values; then multiplied by
-    other weights (or one minus them), and set on whole parts.
+    Either a falloff round a centre (1 within the plateau's part of the radii), or a smooth field through known values; then multiplied by
+    other weights (or one minus them), and set on whole parts, those that the mesh has.
     """
 
     on: str = "skin"
     centre: AnyPoint | None = None
     radii: Vector | None = None
+    plateau: float = Field(default=0.0, ge=0, lt=1)
     values: tuple[Constraint, ...] = ()
     multiply: tuple[str, ...] = ()
     parts: dict[str, float] = {}
@@ -181,7 +188,8 @@ class RigFile(_Strict):
     weights, transforms
         See `Weight` and `Transform`; transforms apply in order.
     follow
-        Region → region: vertices that take all the weights of the nearest vertex there.
+        Region → region: vertices that take all the weights of the nearest vertex there; passed
+        over where the mesh does not have the first.
     """
 
     kind: str = "parke"

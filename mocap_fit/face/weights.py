@@ -12,8 +12,10 @@ from mocap_fit.face.mesh import IndexArray
 from mocap_fit.tracks import FloatArray
 
 
-def falloff(vertices: FloatArray, centre: FloatArray, radii: FloatArray) -> FloatArray:
-    """Weights that fall smoothly from 1 at a centre to 0 on an ellipsoid round it.
+def falloff(
+    vertices: FloatArray, centre: FloatArray, radii: FloatArray, plateau: float = 0.0
+) -> FloatArray:
+    """Weights that fall smoothly from 1 round a centre to 0 on an ellipsoid round it.
 
     Parameters
     ----------
@@ -21,14 +23,16 @@ def falloff(vertices: FloatArray, centre: FloatArray, radii: FloatArray) -> Floa
         `(vertices, 3)`, millimetres.
     centre, radii
         `(3,)`, millimetres; radii along x, y and z.
+    plateau
+        Part of the radius, from 0 to below 1, within which the weight is 1.
 
     Returns
     -------
     FloatArray
-        `(vertices,)`, the cubic smoothstep of one minus the normalised distance.
+        `(vertices,)`, a cubic smoothstep of the normalised distance.
     """
     distance = np.linalg.norm((vertices - centre) / radii, axis=1)
-    rest = np.clip(1.0 - distance, 0.0, 1.0)
+    rest = np.clip((1.0 - distance) / (1.0 - plateau), 0.0, 1.0)
     return np.asarray(rest * rest * (3.0 - 2.0 * rest))
 
 

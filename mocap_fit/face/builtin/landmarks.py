@@ -31,7 +31,7 @@ from mocap_fit.tracks import FloatArray
 
 # Left point, right point, position along a half ring of the mouth (0 below, 10 corner, 20 above).
 _CONTACT_POINTS = [("2.4", "2.5", 10), ("2.6", "2.7", 16), ("2.8", "2.9", 4)]
-_BORDER_POINTS = [("8.3", "8.4", 10), ("8.5", "8.6", 14), ("8.7", "8.8", 5), ("8.9", "8.10", 18)]
+_BORDER_POINTS = [("8.3", "8.4", 10), ("8.5", "8.6", 16), ("8.7", "8.8", 4), ("8.9", "8.10", 18)]
 # Left point, right point, vertex of a lid ring (0 outer corner, 7 above, 14 inner corner, 21
 # below), ring.
 _LID_POINTS = [
