@@ -1,0 +1,320 @@
+"""A block of numbers in text, read fast, with the exact line and column of what is wrong.
+
+The block goes through pandas' compiled parser. Where that refuses, each cell is read on its own,
+which accepts a little more (cells of blanks) and names the cell that is not a number.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap_fit.errors import FileFormatError, MocapFitWarning
+from mocap_fit.tracks import FloatArray
+
+MISSING_WORDS = frozenset(
+    (
+        *("", "nan", "-nan", "+nan", "na", "n/a", "null", "none"),
+        *("nan(ind)", "-nan(ind)", "1.#qnan", "-1.#qnan", "1.#ind", "-1.#ind"),
+    )
+)
+"""What stands for a missing number, in lower case and without blanks round it."""
+
+_SPELLINGS = sorted(
+    {form for word in MISSING_WORDS for form in (word, word.upper(), word.capitalize())} | {"NaN"}
+)
+
+
+def is_missing(cell: str) -> bool:
+    """Whether a cell stands for a missing number."""
+    return cell.strip().lower() in MISSING_WORDS
+
+
+def number(cell: str, decimal_comma: bool = True) -> float | None:
+    """The number in a cell, NaN for a missing one, None for what is no number."""
+    text = cell.strip()
+    if text.lower() in MISSING_WORDS:
+        return float("nan")
+    if "_" in text or not text.isascii():
+        return None
+    if decimal_comma and "," in text:
+        if "." in text:
+            return None
+        text = text.replace(",", ".")
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+@dataclass(frozen=True)
+class NumberTable:
+    """The rows of a block.
+
+    Parameters
+    ----------
+    values
+        `(rows, columns)`; NaN is missing.
+    lines
+        `(rows,)`, the line of the file that each row stands in.
+    lost_line
+        The last line, where it is not whole and was left out.
+    """
+
+    values: FloatArray
+    lines: NDArray[np.intp]
+    lost_line: int | None
+
+    def decimals(self, column: int) -> int:
+        """Digits after the point that a column was written with, at most 9."""
+        values = self.values[:1000, column]
+        values = values[np.isfinite(values)]
+        for digits in range(9):
+            # Half a unit of a ninth digit, or of what a float64 of this size can hold.
+            near = 1e-9 * 10**digits + 4 * np.spacing(np.abs(values) * 10**digits)
+            scaled = values * 10**digits
+            if (np.abs(scaled - np.round(scaled)) <= near).all():
+                return digits
+        return 9
+
+
+@dataclass(frozen=True)
+class _Lines:
+    """Where the lines of a block are: what is left of it, their numbers, cells in each."""
+
+    block: bytes
+    numbers: NDArray[np.intp]
+    cells: NDArray[np.intp]
+    terminated: bool
+
+    def line(self, row: int) -> str:
+        return self.block.split(b"\n", row + 1)[row].decode("utf-8", errors="replace")
+
+
+def read_numbers(
+    block: bytes,
+    columns: Sequence[str],
+    *,
+    separator: Literal["\t", ",", ";"],
+    first_line: int,
+    path: Path,
+    expected_rows: int | None = None,
+) -> NumberTable:
+    r"""Read the rows of numbers at the end of a file.
+
+    Decimal commas are understood where the separator leaves them free. Blank lines are left out,
+    so are blank cells after the last column. A last line that was cut off is left out and told.
+
+    Parameters
+    ----------
+    block
+        The lines, ended by ``\n``.
+    columns
+        What each column is called in messages.
+    separator
+        What stands between two cells.
+    first_line
+        Number of the block's first line in the file.
+    path
+        The file, for messages.
+    expected_rows
+        Rows that the file's header announces.
+
+    Raises
+    ------
+    FileFormatError
+        If there is no whole row, a row has too few or too many cells, or a cell is no number.
+
+    Warns
+    -----
+    MocapFitWarning
+        If the last line is not whole, or there are not as many rows as announced.
+    """
+    lines = _lines_of(block, separator, first_line)
+    if lines.numbers.size == 0:
+        raise FileFormatError(
+            "there is no row of numbers",
+            path=path,
+            line=first_line,
+            expected="one line a frame" if expected_rows is None else f"{expected_rows} lines",
+            advice="Export or copy the recording again.",
+        )
+    lost = _lost_line(lines, len(columns), separator)
+    if lost is not None:
+        lines = _without_last(lines)
+        if lines.numbers.size == 0:
+            raise FileFormatError(
+                "the file is cut off before its first row is whole",
+                path=path,
+                line=lost,
+                expected=f"{len(columns)} numbers",
+                advice="Export or copy the recording again.",
+            )
+    _check_widths(lines, columns, separator, path)
+    decimal_comma = separator != "," and b"," in lines.block
+    values = _parsed_fast(lines, len(columns), separator, decimal_comma)
+    if values is None:
+        values = _parsed_by_cell(lines, columns, separator, decimal_comma, path)
+    if np.isinf(values).any():
+        row, column = (int(index) for index in np.argwhere(np.isinf(values))[0])
+        raise FileFormatError(
+            f"{columns[column]} is infinite",
+            path=path,
+            line=int(lines.numbers[row]),
+            expected="a number",
+        )
+    _warn_of_loss(lost, len(values), expected_rows, path)
+    return NumberTable(values, lines.numbers, lost)
+
+
+def _lines_of(block: bytes, separator: str, first_line: int) -> _Lines:
+    terminated = block.endswith(b"\n")
+    if not terminated:
+        block += b"\n"
+    characters = np.frombuffer(block, dtype=np.uint8)
+    ends = np.flatnonzero(characters == ord("\n"))
+    starts = np.concatenate(([0], ends[:-1] + 1))
+    between = np.flatnonzero(characters == ord(separator))
+    cells = np.searchsorted(between, ends) - np.searchsorted(between, starts) + 1
+    numbers = np.arange(first_line, first_line + len(ends))
+    # Only a line without a separator can be blank: one of separators alone is a row of gaps.
+    suspects = np.flatnonzero((cells == 1) & (ends - starts < 80))
+    blank = [row for row in suspects if not block[starts[row] : ends[row]].strip()]
+    if blank:
+        if blank[-1] == len(ends) - 1:
+            terminated = True
+        keep = np.ones(len(ends), dtype=bool)
+        keep[blank] = False
+        rows = block.split(b"\n")
+        block = b"".join(rows[row] + b"\n" for row in np.flatnonzero(keep))
+        numbers, cells = numbers[keep], cells[keep]
+    return _Lines(block, numbers, cells, terminated)
+
+
+def _lost_line(lines: _Lines, width: int, separator: str) -> int | None:
+    """The number of the last line, if it was cut off."""
+    last = int(lines.numbers[-1])
+    if lines.cells[-1] < width:
+        # A short only row is a wrong row, unless the file stops in the middle of it.
+        return last if len(lines.numbers) > 1 or not lines.terminated else None
+    if lines.terminated or lines.cells[-1] > width:
+        return None
+    cell = lines.block[:-1].rsplit(b"\n", 1)[-1].decode("utf-8", errors="replace")
+    cell = cell.rsplit(separator, 1)[-1]
+    if number(cell) is None:
+        return last
+    if len(lines.numbers) > 1:
+        # No line end: the last number is whole if it has as many digits as the one above it.
+        above = lines.block[:-1].rsplit(b"\n", 2)[-2].decode("utf-8", errors="replace")
+        above = above.split(separator)[width - 1]
+        if not is_missing(above) and (is_missing(cell) or _digits(cell) < _digits(above)):
+            return last
+    return None
+
+
+def _digits(cell: str) -> int:
+    _, _, fraction = cell.strip().replace(",", ".").partition(".")
+    return len(fraction)
+
+
+def _without_last(lines: _Lines) -> _Lines:
+    cut = lines.block.rfind(b"\n", 0, len(lines.block) - 1) + 1
+    return _Lines(lines.block[:cut], lines.numbers[:-1], lines.cells[:-1], True)
+
+
+def _check_widths(lines: _Lines, columns: Sequence[str], separator: str, path: Path) -> None:
+    width = len(columns)
+    wrong = lines.cells < width
+    surplus = np.flatnonzero(lines.cells > width)
+    if surplus.size:
+        rows = lines.block.split(b"\n")
+        for row in surplus:
+            extra = rows[row].split(separator.encode(), width)[-1]
+            wrong[row] = bool(extra.replace(separator.encode(), b"").strip())
+    if wrong.any():
+        first = int(np.flatnonzero(wrong)[0])
+        raise FileFormatError(
+            "the row has the wrong number of cells",
+            path=path,
+            line=int(lines.numbers[first]),
+            found=int(lines.cells[first]),
+            expected=width,
+            advice="Export or copy the recording again.",
+        )
+
+
+def _parsed_fast(
+    lines: _Lines, width: int, separator: str, decimal_comma: bool
+) -> FloatArray | None:
+    """The values, or None where pandas does not take them."""
+    import pandas as pd
+
+    if b"_" in lines.block:
+        return None
+    try:
+        frame = pd.read_csv(
+            BytesIO(lines.block),
+            sep=separator,
+            header=None,
+            names=list(range(int(lines.cells.max()))),
+            usecols=list(range(width)),
+            index_col=False,
+            dtype=np.float64,
+            engine="c",
+            decimal="," if decimal_comma else ".",
+            na_values=_SPELLINGS,
+            keep_default_na=False,
+            skip_blank_lines=False,
+            quoting=3,
+            float_precision="round_trip",
+            low_memory=False,
+        )
+    except (ValueError, OverflowError):
+        return None
+    return np.ascontiguousarray(frame.to_numpy(dtype=np.float64))
+
+
+def _parsed_by_cell(
+    lines: _Lines, columns: Sequence[str], separator: str, decimal_comma: bool, path: Path
+) -> FloatArray:
+    values = np.empty((len(lines.numbers), len(columns)))
+    for row, raw in enumerate(lines.block.split(b"\n")[: len(values)]):
+        cells = raw.decode("utf-8", errors="replace").split(separator)
+        for column, name in enumerate(columns):
+            cell = cells[column]
+            value = number(cell, decimal_comma)
+            if value is None or (decimal_comma and "." in cell and not is_missing(cell)):
+                raise FileFormatError(
+                    f"{name} is not a number",
+                    path=path,
+                    line=int(lines.numbers[row]),
+                    found=f"'{cell}' in column {column + 1}",
+                    expected="a number with a decimal comma, as elsewhere in the file"
+                    if decimal_comma
+                    else "a number",
+                    advice="Correct the cell, or export the recording again.",
+                )
+            values[row, column] = value
+    return values
+
+
+def _warn_of_loss(lost: int | None, rows: int, expected: int | None, path: Path) -> None:
+    read = f"{rows} whole rows were read"
+    if expected is not None and rows != expected:
+        read = f"{rows} whole rows were read where the header announces {expected}"
+    if lost is not None:
+        message = f"{path}, line {lost}: the file is cut off in this line; {read}"
+    elif expected is not None and rows < expected:
+        message = f"{path}: the file is cut off; {read}"
+    elif expected is not None and rows > expected:
+        message = f"{path}: {read}; all of them are kept"
+    else:
+        return
+    warnings.warn(message, MocapFitWarning, stacklevel=4)

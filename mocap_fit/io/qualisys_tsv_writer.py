@@ -1,0 +1,181 @@
+"""Marker tracks as a Qualisys TSV export: what QTM itself would write, and its readers take."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from mocap_fit.errors import DataError, FileFormatError
+from mocap_fit.tracks import FloatArray, MarkerTracks, Origin
+
+Gaps = Literal["zero", "blank", "nan"]
+
+_GAPS: dict[Gaps, str | None] = {"zero": None, "blank": "", "nan": "NaN"}
+_TIME_DECIMALS = 5
+
+
+def write_qualisys_tsv(
+    tracks: MarkerTracks,
+    path: str | os.PathLike[str],
+    *,
+    decimals: int = 3,
+    frame_and_time: bool = True,
+    titles: bool = True,
+    trajectory_types: bool = True,
+    gaps: Gaps = "zero",
+) -> None:
+    """Write markers as a Qualisys TSV export, whole or not at all.
+
+    The file is UTF-8 with tabs and CRLF, positions in millimetres. What it cannot hold is lost:
+    the provenance; the origin of single samples, for the format has one word for a trajectory
+    (``Mixed`` where it has several); times beyond five decimals. A visible sample that would be
+    written as zeros, which mean a gap, is written with one digit more and at least one unit of it
+    in x, an error below half a unit of the other digits.
+
+    Parameters
+    ----------
+    tracks
+        The markers.
+    path
+        The file; one that exists is replaced.
+    decimals
+        Digits after the point of a position, from 1 to 9. QTM writes 3.
+    frame_and_time
+        Whether the first two columns are the frame's number and time. Without them the start
+        time is lost.
+    titles
+        Whether a row of column titles follows the header.
+    trajectory_types
+        Whether to say the origin of each marker; the header is then that of version 2.0.0.
+    gaps
+        What stands in a gap: ``0.000`` as QTM writes it, nothing, or ``NaN``.
+
+    Raises
+    ------
+    DataError
+        If a name cannot stand in the file, or a setting is impossible.
+    FileFormatError
+        If the file cannot be written.
+    """
+    if not 1 <= decimals <= 9:
+        raise DataError(
+            "the number of decimals is not possible", found=decimals, expected="from 1 to 9"
+        )
+    if gaps not in _GAPS:
+        raise DataError(
+            "there is no such way to write a gap", found=gaps, expected=", ".join(_GAPS)
+        )
+    for text in (*tracks.names, *(event.name for event in tracks.events)):
+        _check_name(text)
+    lines = _header(tracks, trajectory_types)
+    time_decimals = max(_TIME_DECIMALS, math.ceil(math.log10(tracks.rate)) + 2)
+    if titles:
+        row = [f"{name} {axis}" for name in tracks.names for axis in "XYZ"]
+        lines.append("\t".join([*(["Frame", "Time"] if frame_and_time else []), *row]))
+    lead = f"%d\t%.{time_decimals}f\t" if frame_and_time else ""
+    pattern = lead + "\t".join([f"%.{decimals}f"] * (3 * len(tracks.names)))
+    gap = _GAPS[gaps]
+    flat = np.where(np.isnan(tracks.positions), 0.0, tracks.positions).reshape(tracks.frames, -1)
+    # Rounding can leave a minus before zeros; adding 0.0 takes it away.
+    flat = np.asarray(np.round(flat, decimals) + 0.0, dtype=np.float64)
+    special = _special_cells(tracks, flat, decimals, gap)
+    for frame, (values, time) in enumerate(zip(flat.tolist(), tracks.times.tolist(), strict=True)):
+        row_text = pattern % ((frame + 1, time, *values) if frame_and_time else tuple(values))
+        if frame in special:
+            cells = row_text.split("\t")
+            for column, text in special[frame]:
+                cells[column + (2 if frame_and_time else 0)] = text
+            row_text = "\t".join(cells)
+        lines.append(row_text)
+    _write_whole(Path(path), ("\r\n".join(lines) + "\r\n").encode("utf-8"))
+
+
+def _check_name(name: str) -> None:
+    if not name or name != name.strip() or re.search(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]", name):
+        raise DataError(
+            "a name cannot stand in a TSV file",
+            found=repr(name),
+            expected="a name without tabs, line ends, or blanks before or after it",
+            advice="Rename it.",
+        )
+    try:
+        name.encode("utf-8")
+    except UnicodeEncodeError:
+        raise DataError("a name is not Unicode text", found=ascii(name), advice="Rename it.") from (
+            None
+        )
+
+
+def _header(tracks: MarkerTracks, trajectory_types: bool) -> list[str]:
+    lines = ["FILE_VERSION\t2.0.0"] if trajectory_types else []
+    lines += [
+        f"NO_OF_FRAMES\t{tracks.frames}",
+        "NO_OF_CAMERAS\t0",
+        f"NO_OF_MARKERS\t{len(tracks.names)}",
+        f"FREQUENCY\t{int(tracks.rate) if tracks.rate.is_integer() else repr(tracks.rate)}",
+        "NO_OF_ANALOG\t0",
+        "ANALOG_FREQUENCY\t0",
+        "DESCRIPTION\t--",
+        "DATA_INCLUDED\t3D",
+    ]
+    for event in tracks.events:
+        frame = round((event.time - tracks.start_time) * tracks.rate) + 1
+        lines.append(f"EVENT\t{event.name}\t{frame}\t{event.time:.{_TIME_DECIMALS}f}")
+    lines.append("\t".join(("MARKER_NAMES", *tracks.names)))
+    if trajectory_types:
+        lines.append("\t".join(("TRAJECTORY_TYPES", *_trajectory_types(tracks))))
+    return lines
+
+
+def _trajectory_types(tracks: MarkerTracks) -> list[str]:
+    words = {Origin.MEASURED: "Measured", Origin.FILLED: "Gap-filled", Origin.VIRTUAL: "Virtual"}
+    types = []
+    for marker in range(len(tracks.names)):
+        kinds = {Origin(code) for code in np.unique(tracks.origin[:, marker])} - {Origin.MISSING}
+        types.append(
+            "Mixed" if len(kinds) > 1 else words[kinds.pop() if kinds else Origin.MEASURED]
+        )
+    return types
+
+
+def _special_cells(
+    tracks: MarkerTracks, written: FloatArray, decimals: int, gap: str | None
+) -> dict[int, list[tuple[int, str]]]:
+    """Cells that differ from the plain pattern: (column, text) by frame."""
+    special: dict[int, list[tuple[int, str]]] = {}
+    visible = tracks.visible
+    if gap is not None:
+        for frame, marker in np.argwhere(~visible).tolist():
+            cells = [(3 * marker + axis, gap) for axis in range(3)]
+            special.setdefault(frame, []).extend(cells)
+    zeros = (written.reshape(tracks.positions.shape) == 0).all(axis=2) & visible
+    smallest = 10.0 ** -(decimals + 1)
+    for frame, marker in np.argwhere(zeros).tolist():
+        x = float(tracks.positions[frame, marker, 0])
+        size = max(abs(x), smallest)
+        text = f"{math.copysign(size, x):.{decimals + 1}f}"
+        special.setdefault(frame, []).append((3 * marker, text))
+    return special
+
+
+def _write_whole(target: Path, content: bytes) -> None:
+    """Write under a name beside the target, then rename: the file is whole or not there."""
+    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
+    try:
+        partial.write_bytes(content)
+        os.replace(partial, target)
+    except (OSError, ValueError) as error:
+        raise FileFormatError(
+            "the file cannot be written",
+            path=target,
+            found=getattr(error, "strerror", None) or error,
+            advice="Check that the folder exists and may be written to.",
+        ) from None
+    finally:
+        if partial.exists():
+            partial.unlink()
