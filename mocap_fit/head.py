@@ -1,0 +1,430 @@
+"""Rigid head motion: estimate it, remove it, put it back.
+
+The pose of the head in every frame comes from reference markers that move with the skull and not
+with the face (spectacles, forehead, behind the ears), by weighted least squares that leave a bad
+marker out (`mocap_fit.tracks.robust`). Head coordinates are those of the reference pose.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mocap_fit.errors import DataError, MocapFitWarning
+from mocap_fit.tracks import FloatArray, MarkerTracks, Origin, PoseTracks
+from mocap_fit.tracks.rigid import refusal
+from mocap_fit.tracks.rigid_sets import find_reference_markers as find_reference_markers
+from mocap_fit.tracks.rigid_sets import mean_shape
+from mocap_fit.tracks.robust import pose_information, robust_rigid_transforms
+
+# Reference and recording must agree in size within this factor, or a unit is wrong.
+_LARGEST_RATIO = 2.0
+# Frames that are looked at to compare sizes.
+_SAMPLE = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class HeadMotion:
+    """The pose of the head in every frame, and how well it is known.
+
+    Parameters
+    ----------
+    pose
+        One body, ``head``; rotation and translation take head coordinates (those of the
+        reference pose) to the recording. NaN where it is not known.
+    reference_names
+        The reference markers.
+    reference
+        `(markers, 3)`: where they are in head coordinates, millimetres.
+    weights
+        `(frames, markers)`: the weight of each marker in each frame; 0 where it was missing or
+        left out.
+    marker_residuals
+        `(frames, markers)`: distance of each marker from where the pose puts it, millimetres;
+        also of those that were left out; NaN where missing.
+    rejected
+        `(frames, markers)`: seen, but judged bad and left out.
+    noise
+        Standard deviation of a coordinate of a reference marker of weight 1, learnt from the
+        residuals, millimetres; NaN where three markers at most are seen.
+    """
+
+    pose: PoseTracks
+    reference_names: tuple[str, ...]
+    reference: FloatArray
+    weights: FloatArray
+    marker_residuals: FloatArray
+    rejected: NDArray[np.bool_]
+    noise: float
+
+    @property
+    def rotations(self) -> FloatArray:
+        """`(frames, 3, 3)`, head coordinates to the recording."""
+        return self.pose.rotations[:, 0]
+
+    @property
+    def translations(self) -> FloatArray:
+        """`(frames, 3)`, millimetres."""
+        return self.pose.translations[:, 0]
+
+    @property
+    def residuals(self) -> FloatArray:
+        """`(frames,)`: root mean square distance of the markers used from the pose, mm."""
+        return self.pose.residuals[:, 0]
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Frames whose pose is known, `(frames,)`."""
+        return np.asarray(~np.isnan(self.residuals))
+
+    @property
+    def centre(self) -> FloatArray:
+        """Centroid of the reference markers in head coordinates, `(3,)`, millimetres."""
+        return np.asarray(self.reference.mean(axis=0))
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance of the pose per unit variance of a marker coordinate, `(frames, 6, 6)`.
+
+        In head coordinates: a small turn ``ω`` (rotation vector, radians) about `centre`, then a
+        shift ``τ`` (millimetres), which move a point ``x`` of the head by
+        ``ω × (x - centre) + τ``. Times the variance of a coordinate of a marker of weight 1 (such
+        as `noise` squared) it is the covariance of the pose's error. It is the inverse of
+        ``Σ w [-(p - centre)×, I]ᵀ [-(p - centre)×, I]`` over the markers used in the frame; NaN
+        where the pose is not known.
+        """
+        information = np.einsum(
+            "fp,pab->fab", self.weights, pose_information(self.reference, self.centre)
+        )
+        covariance = np.full(information.shape, np.nan)
+        covariance[self.known] = np.linalg.inv(information[self.known])
+        return covariance
+
+    def __str__(self) -> str:
+        """Markers, frames, residuals, and what was left out when."""
+        lines = [f"head pose known in {self.known.sum()} of {len(self.known)} frames"]
+        if self.known.any():
+            middle, worst = np.nanmedian(self.residuals), np.nanmax(self.residuals)
+            lines[0] += f", residual {middle:.3g} mm (median), {worst:.3g} mm (largest)"
+        for index, name in enumerate(self.reference_names):
+            residuals = self.marker_residuals[:, index]
+            line = f"  {name}: never seen"
+            if not np.isnan(residuals).all():
+                line = f"  {name}: {np.nanmedian(residuals):.3g} mm (median)"
+            when = np.flatnonzero(self.rejected[:, index])
+            if len(when):
+                line += f"; left out in {len(when)} frames, first {when[0]}, last {when[-1]}"
+            lines.append(line)
+        return "\n".join(lines)
+
+
+def _chosen_reference(
+    recording: MarkerTracks,
+    reference: MarkerTracks | ArrayLike | None,
+    names: Sequence[str] | None,
+) -> tuple[tuple[str, ...], FloatArray]:
+    """Names of the reference markers and their positions in head coordinates."""
+    if names is not None and len(set(names)) != len(names):
+        raise DataError("a reference marker is named twice", found=", ".join(names))
+    if reference is not None and not isinstance(reference, MarkerTracks):
+        chosen = recording.names if names is None else tuple(names)
+        points = np.asarray(reference, dtype=np.float64)
+        if points.shape != (len(chosen), 3):
+            raise DataError(
+                "the reference pose has the wrong shape",
+                found=points.shape,
+                expected=f"({len(chosen)}, 3), a row for each of {', '.join(chosen)}",
+            )
+        pose = dict(zip(chosen, points, strict=True))
+    elif reference is not None:
+        middle = _median(reference.positions)
+        pose = dict(zip(reference.names, middle, strict=True))
+        if names is None:
+            shared = tuple(name for name in recording.names if name in pose)
+            if len(shared) < 3:
+                raise DataError(
+                    "recording and reference pose share too few markers",
+                    found=", ".join(shared) or "none",
+                    expected=f"three or more of {', '.join(reference.names)}",
+                )
+            chosen = _found(recording.select(shared))
+        else:
+            chosen = tuple(names)
+    else:
+        chosen = _found(recording) if names is None else tuple(names)
+        known = tuple(name for name in chosen if name in recording.names)
+        shape = mean_shape(recording.select(known).positions) if known else np.zeros((0, 3))
+        pose = dict(zip(known, shape, strict=True))
+    lacking = [
+        name
+        for name in chosen
+        if name not in pose
+        or np.isnan(pose[name]).any()
+        or name not in recording.names
+        or not recording.visible[:, recording.index(name)].any()
+    ]
+    usable = tuple(name for name in chosen if name not in lacking)
+    if len(usable) < 3:
+        raise DataError(
+            "too few reference markers are in both the recording and the reference pose",
+            found=", ".join(usable) or "none",
+            expected=f"three or more of {', '.join(chosen)}",
+            advice="Check the marker names.",
+        )
+    if lacking:
+        warnings.warn(
+            f"reference markers without data are left out: {', '.join(lacking)}",
+            MocapFitWarning,
+            stacklevel=4,
+        )
+    return usable, np.array([pose[name] for name in usable])
+
+
+def _median(positions: FloatArray) -> FloatArray:
+    """Median over the frames, NaN for markers that are never seen."""
+    result = np.full(positions.shape[1:], np.nan)
+    seen = ~np.isnan(positions).any(axis=2).all(axis=0)
+    result[seen] = np.nanmedian(positions[:, seen], axis=0)
+    return result
+
+
+def _found(recording: MarkerTracks) -> tuple[str, ...]:
+    chosen = find_reference_markers(recording)
+    if len(chosen) < len(recording.names):
+        warnings.warn(
+            "no reference markers are named; those that move least relative to each other are "
+            f"used: {', '.join(chosen)}",
+            MocapFitWarning,
+            stacklevel=5,
+        )
+    return chosen
+
+
+def _check_sizes(names: Sequence[str], shape: FloatArray, positions: FloatArray) -> None:
+    """Refuse a recording whose unit is not the reference pose's."""
+    first, second = np.triu_indices(len(names), 1)
+    sample = positions[:: max(1, len(positions) // _SAMPLE)]
+    distances = np.linalg.norm(sample[:, first] - sample[:, second], axis=2)
+    expected = np.linalg.norm(shape[first] - shape[second], axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = distances / expected
+    ratios = ratios[np.isfinite(ratios)]
+    if not ratios.size:
+        return
+    ratio = float(np.median(ratios))
+    if 1 / _LARGEST_RATIO <= ratio <= _LARGEST_RATIO:
+        return
+    advice = "Check that both are of the same speaker and in millimetres."
+    for factor, unit in ((1000.0, "metres"), (100.0, "decimetres"), (10.0, "centimetres")):
+        for value, what in ((1 / ratio, "recording"), (ratio, "reference pose")):
+            if factor / 2 < value < factor * 2:
+                advice = f"It seems that the {what} is in {unit}: convert it to millimetres."
+    raise DataError(
+        "recording and reference pose differ in size",
+        found=f"distances in the recording are {ratio:.4g} times those of the reference pose",
+        expected=f"{1 / _LARGEST_RATIO:g} to {_LARGEST_RATIO:g} times",
+        advice=advice,
+    )
+
+
+def estimate_head_motion(
+    recording: MarkerTracks,
+    reference: MarkerTracks | ArrayLike | None = None,
+    names: Sequence[str] | None = None,
+    weights: Mapping[str, float] | None = None,
+) -> HeadMotion:
+    """Estimate the pose of the head in every frame.
+
+    Parameters
+    ----------
+    recording
+        Markers in the coordinates of the room.
+    reference
+        The reference pose, whose coordinates are head coordinates: tracks (the median over their
+        frames is used) or `(markers, 3)` with a row for each of `names`. When not given, head
+        coordinates are those of the recording's first frame that shows all reference markers.
+    names
+        The reference markers; three suffice. Those without data are left out with a warning. When
+        not given: all of the recording, where `reference` is an array; otherwise those that
+        `find_reference_markers` finds among the markers that recording and reference share, and
+        a warning names them.
+    weights
+        Marker → weight, above 0, in inverse proportion to the variance of its noise; 1 where not
+        given.
+
+    Returns
+    -------
+    HeadMotion
+        Frames with fewer than three good markers, or with good markers on a line, have NaN.
+
+    Raises
+    ------
+    DataError
+        If the reference markers are too few, on a line or in one place, differ in size from the
+        recording (a unit is wrong), or are together in no frame.
+
+    Warns
+    -----
+    MocapFitWarning
+        If markers are left out throughout, or were found and not named.
+    """
+    chosen, shape = _chosen_reference(recording, reference, names)
+    reason = refusal(shape)
+    if reason is not None:
+        raise DataError(
+            f"the reference markers {', '.join(chosen)} cannot tell the head's rotation",
+            found=reason,
+            expected="three or more markers that are not on a line",
+            advice="Use markers that are further apart.",
+        )
+    given = dict(weights or {})
+    unknown = [name for name in given if name not in chosen and name not in recording.names]
+    if unknown:
+        raise DataError("a weight is given for an unknown marker", found=", ".join(unknown))
+    base = np.array([given.get(name, 1.0) for name in chosen])
+    if not (np.isfinite(base) & (base > 0)).all():
+        raise DataError(
+            "a weight is not possible",
+            found=", ".join(f"{n} {w:g}" for n, w in zip(chosen, base, strict=True)),
+            expected="numbers above 0",
+        )
+    positions = recording.positions[:, recording.indices(chosen)]
+    seen = ~np.isnan(positions[:, :, 0])
+    if not (seen.sum(axis=1) >= 3).any():
+        raise DataError(
+            "no frame shows three reference markers",
+            found=f"at most {seen.sum(axis=1).max(initial=0)}",
+            expected=f"three or more of {', '.join(chosen)}",
+        )
+    _check_sizes(chosen, shape, positions)
+    fit = robust_rigid_transforms(shape, positions, base)
+    if np.isnan(fit.residuals).all():
+        raise DataError(
+            "the head's pose cannot be found in any frame",
+            found="the reference markers that are seen together lie on a line, or contradict "
+            "each other",
+            expected="three or more good markers that are not on a line",
+        )
+    expected = np.einsum("fij,pj->fpi", fit.rotations, shape) + fit.translations[:, None, :]
+    moved = [
+        f"{name} ({fit.rejected[:, k].sum()} of {seen[:, k].sum()} frames)"
+        for k, name in enumerate(chosen)
+        if 2 * fit.rejected[:, k].sum() > seen[:, k].sum()
+    ]
+    if moved:
+        warnings.warn(
+            "reference markers are not where the reference pose has them and are left out: "
+            + ", ".join(moved),
+            MocapFitWarning,
+            stacklevel=2,
+        )
+    arguments: dict[str, object] = {"reference_markers": list(chosen)}
+    if given:
+        arguments["weights"] = dict(zip(chosen, base.tolist(), strict=True))
+    pose = PoseTracks(
+        ("head",),
+        recording.rate,
+        fit.rotations[:, None],
+        fit.translations[:, None],
+        fit.residuals[:, None],
+        start_time=recording.start_time,
+        name=recording.name,
+        events=recording.events,
+        provenance=recording.provenance,
+    ).with_step("estimate_head_motion", arguments)
+    return HeadMotion(
+        pose,
+        chosen,
+        shape,
+        fit.weights,
+        np.linalg.norm(positions - expected, axis=2),
+        fit.rejected,
+        fit.noise,
+    )
+
+
+def remove_head_motion(
+    recording: MarkerTracks,
+    reference: MarkerTracks | ArrayLike | None = None,
+    names: Sequence[str] | None = None,
+    weights: Mapping[str, float] | None = None,
+) -> tuple[MarkerTracks, HeadMotion]:
+    """Give the recording in head coordinates, and the motion, so that it can be put back.
+
+    Parameters
+    ----------
+    recording, reference, names, weights
+        As for `estimate_head_motion`.
+
+    Returns
+    -------
+    MarkerTracks
+        All markers in head coordinates; missing in the frames whose pose is not known.
+    HeadMotion
+        What was removed.
+
+    Raises
+    ------
+    DataError
+        As for `estimate_head_motion`.
+
+    Warns
+    -----
+    MocapFitWarning
+        Also if the pose of some frames is not known.
+    """
+    motion = estimate_head_motion(recording, reference, names, weights)
+    shifted = recording.positions - motion.translations[:, None, :]
+    positions = np.einsum("fji,fpj->fpi", motion.rotations, shifted)
+    tracks = _moved(recording, positions, motion)
+    step = motion.pose.provenance[-1]
+    return tracks.with_step("remove_head_motion", step.arguments), motion
+
+
+def restore_head_motion(tracks: MarkerTracks, motion: HeadMotion) -> MarkerTracks:
+    """Put the head's motion back: from head coordinates to the room.
+
+    Parameters
+    ----------
+    tracks
+        Markers in head coordinates, any markers, in the frames of the motion.
+    motion
+        What `remove_head_motion` removed.
+
+    Raises
+    ------
+    DataError
+        If tracks and motion differ in frames, rate or start time.
+    """
+    pose = motion.pose
+    ours = (tracks.frames, tracks.rate, tracks.start_time)
+    theirs = (pose.frames, pose.rate, pose.start_time)
+    if ours[0] != theirs[0] or not np.allclose(ours[1:], theirs[1:], rtol=1e-9, atol=1e-9):
+        raise DataError(
+            "tracks and head motion are not of the same frames",
+            found="{} frames, {:g} Hz, from {:g} s".format(*ours),
+            expected="{} frames, {:g} Hz, from {:g} s".format(*theirs),
+        )
+    positions = np.einsum("fij,fpj->fpi", motion.rotations, tracks.positions)
+    positions += motion.translations[:, None, :]
+    return _moved(tracks, positions, motion).with_step(
+        "restore_head_motion", {"reference_markers": list(motion.reference_names)}
+    )
+
+
+def _moved(tracks: MarkerTracks, positions: FloatArray, motion: HeadMotion) -> MarkerTracks:
+    """Tracks with other positions; a warning counts the frames that are lost with their pose."""
+    lost = ~motion.known & tracks.visible.any(axis=1)
+    if lost.any():
+        warnings.warn(
+            f"the head's pose is not known in {lost.sum()} of {tracks.frames} frames "
+            f"(first {np.argmax(lost)}): their markers count as missing",
+            MocapFitWarning,
+            stacklevel=3,
+        )
+    origin = np.where(motion.known[:, None], tracks.origin, Origin.MISSING).astype(np.uint8)
+    return tracks.replace(positions=positions, origin=origin)
