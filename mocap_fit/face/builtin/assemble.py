@@ -10,19 +10,20 @@ from mocap_fit.face.builtin.surfaces import Piece, joined
 from mocap_fit.face.mesh import Material, Mesh, Part
 
 MATERIALS = {
-    "skin": Material((0.91, 0.745, 0.63), specular=0.12, specular_power=12),
+    "skin": Material((0.93, 0.76, 0.665), specular=0.12, specular_power=12),
     "teeth": Material((0.93, 0.91, 0.85), specular=0.4, specular_power=40),
     "gums": Material((0.72, 0.38, 0.38), specular=0.25, specular_power=25),
     "tongue": Material((0.74, 0.38, 0.38), specular=0.2, specular_power=20),
     "eye": Material((0.93, 0.92, 0.90), specular=0.8, specular_power=90),
     "brow": Material((0.25, 0.17, 0.12), specular=0.0, specular_power=1),
+    "lashes": Material((0.10, 0.07, 0.06), specular=0.0, specular_power=1),
 }
 
 
 def build_head() -> Mesh:
     """Make the built-in head, without the cache."""
     skin = build_skin()
-    eye, brow = eyes.eyeball(), brows.brow()
+    brow, lashes = brows.brow(), eyes.lashes()
     pieces = {
         "skin": Piece(skin.vertices, skin.triangles, skin_colours(skin)),
         "teeth_upper": inside_mouth.teeth(upper=True),
@@ -30,10 +31,12 @@ def build_head() -> Mesh:
         "gums_upper": inside_mouth.gums(upper=True),
         "gums_lower": inside_mouth.gums(upper=False),
         "tongue": inside_mouth.tongue(),
-        "eye_left": eye,
-        "eye_right": eye.mirrored(),
+        "eye_left": eyes.eyeball(light_x=1.9),
+        "eye_right": eyes.eyeball(light_x=-1.9).mirrored(),
         "brow_left": brow,
         "brow_right": brow.mirrored(),
+        "lashes_left": lashes,
+        "lashes_right": lashes.mirrored(),
     }
     whole = joined(list(pieces.values()))
     parts = _parts(pieces)

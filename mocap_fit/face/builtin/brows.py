@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from mocap_fit.face.builtin.flesh import skin_at
 from mocap_fit.face.builtin.surfaces import Colour, Piece, grid_triangles, painted
@@ -11,8 +11,8 @@ from mocap_fit.tracks import FloatArray
 
 _BROW: Colour = (0.25, 0.17, 0.12)
 _ROWS, _COLUMNS = 22, 5
-_PATH = CubicSpline([0, 0.3, 0.68, 1], [[12.5, 83.4], [23.5, 86.3], [37, 87.3], [49, 82.6]])
-_HALF_WIDTH = CubicSpline([0, 0.12, 0.35, 0.7, 1], [1.3, 2.2, 2.5, 1.7, 0.3])
+_PATH = CubicSpline([0, 0.3, 0.68, 1], [[12.5, 79.4], [23.5, 82.3], [37, 83.3], [49, 78.6]])
+_HALF_WIDTH = PchipInterpolator([0, 0.04, 0.14, 0.35, 0.7, 1], [0.5, 1.3, 2.1, 2.4, 1.6, 0.2])
 
 
 def brow_path(share: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from mocap_fit.face.builtin.surfaces import bump, hill, smoothstep
 from mocap_fit.tracks import FloatArray
 
 EAR_POINTS = 32
-_CENTRE = np.array([71.0, 50.0, -4.0])
+_CENTRE = np.array([70.0, 48.0, -4.0])
 _FLARE = np.radians(28)
 _TILT = np.radians(9)
 # Across the ear backwards, along it upwards, and away from the head.

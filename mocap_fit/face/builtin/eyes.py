@@ -5,29 +5,44 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_fit.face.builtin.flesh import skin_at
-from mocap_fit.face.builtin.surfaces import Colour, Piece, joined, painted, strip_triangles
+from mocap_fit.face.builtin.surfaces import (
+    Colour,
+    Piece,
+    grid_triangles,
+    joined,
+    painted,
+    smoothstep,
+    strip_triangles,
+)
 from mocap_fit.tracks import FloatArray
 
 LID_POINTS = 28
-CENTRE = np.array([31.0, 66.5, 73.0])
+CENTRE = np.array([31.0, 62.5, 73.8])
 RADIUS = 12.3
 # The white of the eye is a little wider than it is deep, so that the corners of the lids reach it.
 _AXES = np.array([17.2, 14.2, RADIUS])
 _MARGIN_RING = 2
+
+_IRIS_RADIUS = 5.9
+_IRIS_POINTS = 40
+# A relaxed gaze: the upper lid covers more of the iris than the lower.
+_GAZE_RISE = 0.5
 
 _WHITE: Colour = (0.93, 0.92, 0.90)
 _IRIS_OUTER: Colour = (0.22, 0.33, 0.38)
 _IRIS_INNER: Colour = (0.42, 0.55, 0.58)
 _LIMBUS: Colour = (0.12, 0.18, 0.22)
 _PUPIL: Colour = (0.02, 0.02, 0.03)
+_LIGHT: Colour = (1.0, 1.0, 1.0)
+_LASH: Colour = (0.10, 0.07, 0.06)
 
 
 def lid_margin(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The lids' edge about the eye's centre; angle 0 at the outer corner, π/2 above."""
     cosine, sine = np.cos(angle), np.sin(angle)
     x = np.where(cosine > 0, 14.2, 15.2) * cosine
-    upper = 4.7 * (1 - np.clip(np.abs((x + 1.5) / np.where(x > -1.5, 15.9, 13.9)), 0, 1) ** 2.1)
-    lower = 4.1 * (1 - np.clip(np.abs((x - 2.0) / np.where(x > 2.0, 12.4, 17.4)), 0, 1) ** 2.0)
+    upper = 5.3 * (1 - np.clip(np.abs((x + 1.5) / np.where(x > -1.5, 15.9, 13.9)), 0, 1) ** 2.1)
+    lower = 4.4 * (1 - np.clip(np.abs((x - 2.0) / np.where(x > 2.0, 12.4, 17.4)), 0, 1) ** 2.0)
     y = np.where(sine > 0, upper, -lower) * (np.abs(sine) > 1e-9) + x / 15
     return x, y
 
@@ -65,55 +80,85 @@ def lid_rings() -> list[FloatArray]:
     return rings
 
 
-def eyeball() -> Piece:
-    """The left eye: white, iris with a dark rim, pupil."""
-    return joined([_white(), *_iris()])
+def eyeball(light_x: float = 1.9) -> Piece:
+    """The left eye: white, iris with a dark rim, pupil, and the light of a window in it.
+
+    `light_x` says how far to the speaker's left of the pupil the light is.
+    """
+    layers = [
+        _disc(_IRIS_RADIUS, _IRIS_RADIUS - 0.55, 2, 0.06, [_LIMBUS, _LIMBUS]),
+        _disc(
+            _IRIS_RADIUS - 0.5, 2.3, 4, 0.10, [_IRIS_OUTER, _IRIS_OUTER, _IRIS_INNER, _IRIS_OUTER]
+        ),
+        _disc(2.45, 0.05, 3, 0.16, [_PUPIL] * 3),
+        _disc(0.95, 0.05, 2, 0.34, [_LIGHT] * 2, (light_x, 2.0)),
+    ]
+    return joined([_white(), *layers])
+
+
+def lashes() -> Piece:
+    """The left upper lashes: a thin dark fringe on the edge of the lid."""
+    margin = lid_rings()[_MARGIN_RING][1 : LID_POINTS // 2][::-1]
+    share = np.linspace(0, 1, len(margin))
+    length = 2.6 * np.sin(np.pi * (0.12 + 0.80 * share)) * (0.45 + 0.55 * share)
+    fan = np.stack([0.9 * (share - 0.42), 0.25 + 0 * share, 0.8 + 0 * share], axis=1)
+    tip = margin + length[:, None] * fan
+    middle = 0.5 * (margin + tip) - np.array([0.0, 0.35, 0.0])
+    rows = np.concatenate([margin + np.array([0.0, -0.25, 0.05]), middle, tip])
+    return painted(rows, grid_triangles(3, len(margin))[:, ::-1], _LASH)
 
 
 def _white() -> Piece:
     angle = 2 * np.pi * np.arange(LID_POINTS) / LID_POINTS
     x, y = lid_margin(angle)
-    share = np.linspace(0.02, 1.06, 8)[:, None]
+    share = np.linspace(1.06, 0.02, 8)[:, None]
     across, up = x * share, y * share * (1 + 0.12 * share)
+    rings = np.stack([across, up, _depth(across, up) - 0.05], axis=2)
+    piece = _rings_piece(rings, [_WHITE] * 8)
+    # The lid shades the ball, and the corners are a little red.
+    shade = 1 - 0.30 * smoothstep((rings[..., 1] - 0.5) / 5).ravel()
+    red = smoothstep((np.abs(rings[..., 0]) - 8) / 7).ravel()[:, None]
+    return Piece(
+        piece.vertices,
+        piece.triangles,
+        piece.colours * shade[:, None] * (1 - red * np.array([0.05, 0.22, 0.22])),
+    )
+
+
+def _depth(across: FloatArray, up: FloatArray) -> FloatArray:
     inside = 1 - (across / _AXES[0]) ** 2 - (up / _AXES[1]) ** 2
-    forward = _AXES[2] * np.sqrt(np.clip(inside, 0, 1)) - 0.05
-    return _rings_piece(CENTRE + np.stack([across, up, forward], axis=2), [_WHITE] * 8)
+    return np.asarray(_AXES[2] * np.sqrt(np.clip(inside, 0, 1)))
 
 
-def _iris() -> list[Piece]:
-    layers = [
-        (0.11, [0.50, 0.455], [_LIMBUS, _LIMBUS]),
-        (0.12, [0.46, 0.37, 0.28, 0.19], [_IRIS_OUTER, _IRIS_OUTER, _IRIS_INNER, _IRIS_OUTER]),
-        (0.14, [0.20, 0.10, 0.001], [_PUPIL] * 3),
-    ]
-    around = 2 * np.pi * np.arange(32) / 32
-    pieces = []
-    for above, angles, colours in layers:
-        polar = np.asarray(angles)[:, None]
-        direction = np.stack(
-            np.broadcast_arrays(
-                np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)
-            ),
-            axis=2,
-        )
-        surface = direction / np.linalg.norm(direction / _AXES, axis=2, keepdims=True)
-        normal = surface / _AXES**2
-        normal /= np.linalg.norm(normal, axis=2, keepdims=True)
-        pieces.append(_rings_piece(CENTRE + surface + above * normal, colours))
-    return pieces
+def _disc(
+    outer: float,
+    inner: float,
+    rings: int,
+    above: float,
+    colours: list[Colour],
+    centre: tuple[float, float] = (0.0, 0.0),
+) -> Piece:
+    """Rings of the iris or pupil on the bulge of the cornea."""
+    around = 2 * np.pi * np.arange(_IRIS_POINTS) / _IRIS_POINTS
+    radius = np.linspace(outer, inner, rings)[:, None]
+    across = centre[0] + radius * np.cos(around)
+    up = centre[1] + radius * np.sin(around)
+    bulge = 0.5 * np.clip(1 - (across**2 + up**2) / _IRIS_RADIUS**2, 0, 1)
+    rise = up + _GAZE_RISE
+    points = np.stack([across, rise, _depth(across, rise) + bulge + above], axis=2)
+    piece = _rings_piece(points, colours)
+    # Fibres of the iris.
+    fibres = 1 + 0.10 * np.tile(np.cos(13 * around) + np.cos(5 * around + 1), rings)
+    return Piece(piece.vertices, piece.triangles, piece.colours * fibres[:, None])
 
 
 def _rings_piece(rings: FloatArray, colours: list[Colour]) -> Piece:
-    """Rings, each counter-clockwise, `(rings, points, 3)`, as a piece."""
+    """Rings about the eye's centre, counter-clockwise, from the outermost, as a piece."""
     count, points = rings.shape[:2]
-    order = range(count - 1) if _extent(rings[0]) > _extent(rings[-1]) else range(count - 1, 0, -1)
-    step = 1 if order.step > 0 else -1
     index = np.arange(count * points).reshape(count, points)
-    triangles = np.concatenate([strip_triangles(index[i], index[i + step]) for i in order])
-    piece = painted(rings.reshape(-1, 3), triangles, colours[0])
-    piece.colours[:] = np.repeat(np.asarray(colours), points, axis=0)
-    return piece
-
-
-def _extent(ring: FloatArray) -> float:
-    return float(np.ptp(ring[:, 0]))
+    triangles = [strip_triangles(index[i], index[i + 1]) for i in range(count - 1)]
+    return Piece(
+        CENTRE + rings.reshape(-1, 3),
+        np.concatenate(triangles),
+        np.repeat(np.asarray(colours, dtype=np.float64), points, axis=0),
+    )

@@ -11,18 +11,18 @@ from mocap_fit.tracks import FloatArray
 
 # Hills and hollows along the radius: height (mm), centre (x, y), widths, turn.
 _RADIAL = [
-    (-5.6, (31, 69.5), (13, 9), 0.0),  # eye socket
-    (-4.2, (15.5, 70), (6.0, 8.5), 0.0),  # its inner corner
-    (1.6, (33, 56), (9, 3.5), 0.0),  # its lower rim
-    (2.0, (28, 84.5), (16, 6.0), 0.06),  # brow ridge
-    (1.3, (45, 80), (7, 7), 0.0),  # outer end of the brow
-    (1.0, (0, 87), (9, 6), 0.0),  # between the brows
-    (1.5, (24, 112), (20, 14), 0.0),  # forehead
-    (-2.6, (66, 92), (9, 14), 0.0),  # temple
-    (5.0, (46, 45), (13, 9), 0.35),  # cheek bone
-    (2.0, (30, 40), (10, 9), 0.0),  # front of the cheek
-    (-2.6, (50, 10), (13, 14), 0.0),  # hollow of the cheek
-    (2.2, (60, -2), (9, 12), 0.0),  # angle of the jaw
+    (-5.6, (31, 65.5), (13, 9), 0.0),  # eye socket
+    (-4.2, (15.5, 66), (6.0, 8.5), 0.0),  # its inner corner
+    (1.6, (33, 52.9), (9, 3.5), 0.0),  # its lower rim
+    (2.0, (28, 80.5), (16, 6.0), 0.06),  # brow ridge
+    (1.3, (45, 76), (7, 7), 0.0),  # outer end of the brow
+    (1.0, (0, 83), (9, 6), 0.0),  # between the brows
+    (1.5, (24, 108), (20, 14), 0.0),  # forehead
+    (-2.6, (66, 88), (9, 14), 0.0),  # temple
+    (3.6, (46, 42.0), (15, 12), 0.35),  # cheek bone
+    (2.2, (30, 36.0), (12, 11), 0.0),  # front of the cheek
+    (-1.8, (50, 10), (14, 15), 0.0),  # hollow of the cheek
+    (1.6, (60, -4), (10, 12), 0.0),  # angle of the jaw
     (1.2, (30, 8), (9, 13), 0.0),  # beside the mouth
 ]
 # The same, forwards.
@@ -30,11 +30,13 @@ _FORWARD = [
     (3.2, (0, 6), (20, 15), 0.0),  # the mouth as a whole
     (-2.6, (0, -17.5), (15, 4.2), 0.0),  # fold above the chin
     (5.0, (0, -33), (12.5, 8.5), 0.0),  # chin
-    (-1.0, (0, 15.0), (2.0, 5.0), 0.0),  # philtrum
-    (0.55, (4.6, 14.0), (1.7, 5), 0.0),  # its ridges
+    (-1.0, (0, 15), (2.0, 5.0), 0.0),  # philtrum
+    (0.55, (4.6, 14), (1.7, 5), 0.0),  # its ridges
     (-1.4, (27.5, -1.5), (3.2, 3.6), 0.0),  # dimple at the corner of the mouth
 ]
-_NASOLABIAL_FOLD = [(17.5, 31.0), (22.0, 22.0), (27.5, 10.0), (31.0, -3.0), (31.5, -12.0)]
+_NASOLABIAL_FOLD = [(17.5, 30.1), (22.0, 21.8), (27.5, 10.0), (31.0, -3.0), (31.5, -12.0)]
+# Azimuth × 60 and height.
+_NECK_MUSCLE = [(125.0, 5.0), (84.0, -50.0), (20.0, -122.0)]
 
 
 def skin(azimuth: FloatArray, level: FloatArray) -> FloatArray:
@@ -47,6 +49,11 @@ def skin(azimuth: FloatArray, level: FloatArray) -> FloatArray:
     points[:, 0] += outwards * front * np.sin(0.9 * azimuth)
     points[:, 1] += tuck(x, y) * front
     points[:, 2] += (outwards * np.cos(0.9 * azimuth) + forwards) * front
+    # The muscle that runs down from behind the ear turns the neck from a tube into a neck.
+    distance, _, position = distance_to_path(60 * azimuth, y, _NECK_MUSCLE)
+    muscle = 2.6 * hill(distance, 0, 8.0) * smoothstep(position / 0.25)
+    points[:, 0] += muscle * np.sin(azimuth)
+    points[:, 2] += muscle * np.cos(azimuth)
     return points
 
 

@@ -26,7 +26,6 @@ from mocap_fit.face.builtin import eyes
 from mocap_fit.face.builtin.skin import Skin
 from mocap_fit.face.builtin.surfaces import MIRROR, Mask, Piece
 from mocap_fit.face.builtin.teeth_and_tongue import TONGUE_COLUMNS, TONGUE_ROWS
-from mocap_fit.face.mesh import IndexArray
 from mocap_fit.tracks import FloatArray
 
 # Left point, right point, position along a half ring of the mouth (0 below, 10 corner, 20 above).
@@ -45,18 +44,18 @@ _LID_POINTS = [
 # Left point, right point, where it is seen from the front.
 _FRONT_POINTS = [
     ("2.11", "2.12", (15.0, -38.0)),
-    ("4.1", "4.2", (13.0, 83.5)),
-    ("4.3", "4.4", (33.0, 87.5)),
-    ("4.5", "4.6", (48.5, 82.5)),
+    ("4.1", "4.2", (13.0, 79.5)),
+    ("4.3", "4.4", (33.0, 83.5)),
+    ("4.5", "4.6", (48.5, 78.5)),
     ("5.1", "5.2", (43.0, 12.0)),
-    ("5.3", "5.4", (46.0, 42.0)),
-    ("9.1", "9.2", (17.0, 28.0)),
-    ("9.5", "9.4", (11.5, 22.0)),
-    ("9.7", "9.6", (8.0, 72.0)),
-    ("9.13", "9.14", (10.0, 55.0)),
-    ("11.3", "11.2", (52.0, 118.0)),
+    ("5.3", "5.4", (46.0, 40.0)),
+    ("9.1", "9.2", (16.5, 27.0)),
+    ("9.5", "9.4", (11.5, 21.5)),
+    ("9.7", "9.6", (8.0, 68.0)),
+    ("9.13", "9.14", (10.0, 51.0)),
+    ("11.3", "11.2", (52.0, 113.0)),
 ]
-_MIDDLE_POINTS = [("9.12", 56.0), ("11.1", 132.0)]
+_MIDDLE_POINTS = [("9.12", 51.5), ("11.1", 124.0)]
 # Left point, right point, position in space.
 _SPACE_POINTS = [("2.13", "2.14", (54.0, -6.0, 22.0))]
 
@@ -151,6 +150,5 @@ def teeth_points(piece: Piece, *, upper: bool) -> dict[str, int]:
 def pupil_point(piece: Piece) -> int:
     """Centre of the left or right pupil → vertex index within the eye."""
     centre = eyes.CENTRE if piece.vertices[:, 0].mean() > 0 else eyes.CENTRE * MIRROR
-    ahead = np.hypot(*(piece.vertices[:, :2] - centre[:2]).T)
-    near: IndexArray = np.flatnonzero(ahead < 0.5)
-    return int(near[piece.vertices[near, 2].argmax()])
+    aside = np.hypot(*(piece.vertices[:, :2] - centre[:2]).T)
+    return int(aside.argmin())

@@ -9,41 +9,70 @@ from mocap_fit.face.builtin import skull
 from mocap_fit.face.builtin.surfaces import bump, hill, smoothstep
 from mocap_fit.tracks import FloatArray
 
-TIP_HEIGHT = 30.5
-BASE_HEIGHT = 20.0
 NOSTRIL_POINTS = 14
 # Where a nostril opens, seen from the front (mm).
-_NOSTRIL_CENTRE = np.array([6.6, 23.4])
+_NOSTRIL_CENTRE = np.array([6.6, 23.0])
 _NOSTRIL_AXES = np.array([2.7, 1.35])
 _NOSTRIL_TURN = 0.35
 
-_PROFILE_HEIGHTS = [92, 84, 76, 70, 62, 54, 46, 40, 35, 31, 28, 25.5, 23.5, 21.5, 19]
-_PROFILE_DEPTHS = [
-    97.5, 98.3, 96.6, 96.6, 99.8, 104.3, 109.3, 113.3, 116.6, 118.4, 118.5, 117.2, 114.2, 109.0,
-    104.3,
-]  # fmt: skip
-_WIDTH_HEIGHTS = [15, 20, 22, 24, 27, 30, 34, 40, 50, 60, 70, 78, 90]
-_HALF_WIDTHS = [6, 6.5, 7.5, 9.5, 12.0, 13.4, 14.6, 15.6, 16.0, 14.6, 12.2, 12, 15]
+# The profile, from between the brows to the base: height and depth.
+_PROFILE = np.array(
+    [
+        [88, 97.5],
+        [80, 98.3],
+        [72, 97.0],
+        [66, 97.2],
+        [58.4, 99.8],
+        [51, 103.4],
+        [44, 107.4],
+        [38.3, 110.8],
+        [33.7, 113.8],
+        [30.5, 115.6],
+        [27.8, 116.0],
+        [25.4, 114.8],
+        [23.4, 112.0],
+        [21.4, 107.6],
+        [19, 104.0],
+    ]
+)
+# Half the width at each height.
+_WIDTHS = np.array(
+    [
+        [15, 6],
+        [20, 6.5],
+        [21.8, 7.5],
+        [23.7, 9.5],
+        [26.4, 12.0],
+        [29.1, 13.6],
+        [32.8, 14.6],
+        [38.3, 15.0],
+        [47.4, 15.0],
+        [56.6, 13.8],
+        [66, 12.0],
+        [74, 12.5],
+        [86, 16],
+    ]
+)
 
 
 def nose_relief(x: FloatArray, y: FloatArray) -> FloatArray:
     """How far the nose stands out forwards at x, y of the bare head (mm)."""
-    profile = PchipInterpolator(_PROFILE_HEIGHTS[::-1], _PROFILE_DEPTHS[::-1])
-    half_width = PchipInterpolator(_WIDTH_HEIGHTS, _HALF_WIDTHS)(np.clip(y, 15, 90))
-    near = (y > 14) & (y < 94) & (x < 30)
+    profile = PchipInterpolator(*_PROFILE[::-1].T)
+    half_width = PchipInterpolator(*_WIDTHS.T)(np.clip(y, 15, 86))
+    near = (y > 14) & (y < 90) & (x < 30)
     height = np.where(
-        near, profile(np.clip(y, 19, 92)) - skull.midline_depth(np.clip(y, 12, 96)), 0.0
+        near, profile(np.clip(y, 19, 88)) - skull.midline_depth(np.clip(y, 12, 92)), 0.0
     )
     height *= np.where(y < 19, smoothstep((y - 14) / 5), 1.0)
-    height *= np.where(y > 84, smoothstep((94 - y) / 10), 1.0)
+    height *= np.where(y > 78, smoothstep((90 - y) / 12), 1.0)
     across = np.clip(x / half_width, 0.0, 1.0)
-    bridge = 0.62 * np.cos(0.5 * np.pi * across) ** 2 + 0.38 * (1 - across**2) ** 1.5
+    bridge = 0.75 * np.cos(0.5 * np.pi * across) ** 2 + 0.25 * (1 - across**2) ** 1.5
     ball = (1 - across**2.3) ** 1.6
-    share = 0.6 * hill(y, TIP_HEIGHT, 5.5)
-    wings = 7.6 * bump(x, y, (11.8, 27.4), (3.5, 4.0))
-    wings += 2.2 * bump(x, y, (10.5, 33), (4.5, 5)) - 0.9 * bump(x, y, (17.4, 28.5), (1.8, 5.0))
+    share = 0.6 * hill(y, 29.0, 5.5)
+    wings = 7.4 * bump(x, y, (11.6, 26.4), (3.6, 3.9))
+    wings += 2.0 * bump(x, y, (10.5, 32), (4.5, 5)) - 0.9 * bump(x, y, (17.4, 27.5), (1.8, 5.0))
     return np.asarray(
-        height * (bridge * (1 - share) + ball * share) + wings * smoothstep((y - 19.5) / 4.5)
+        height * (bridge * (1 - share) + ball * share) + wings * smoothstep((y - 19.2) / 4.5)
     )
 
 

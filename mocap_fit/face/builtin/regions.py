@@ -6,15 +6,30 @@ import numpy as np
 
 from mocap_fit.face.builtin import brows, mouth, skull
 from mocap_fit.face.builtin.skin import Skin
-from mocap_fit.face.builtin.surfaces import Colour, Mask, bump, distance_to_path
+from mocap_fit.face.builtin.surfaces import Colour, Mask, bump, distance_to_path, smoothstep
 from mocap_fit.face.mesh import IndexArray
 from mocap_fit.tracks import FloatArray
 
 SIDED = ("jaw", "cheek", "brow_skin", "eyelids", "ear")
 _JAW_LINE = [(21.0, -30.0), (40.0, -18.0), (56.0, 2.0), (66.0, 22.0)]
 
-_SKIN: Colour = (0.91, 0.745, 0.63)
-_LIP: Colour = (0.77, 0.46, 0.42)
+# Azimuth and height.
+_HAIRLINE = [
+    (0.0, 123.0),
+    (0.4, 124.0),
+    (0.7, 120.0),
+    (0.95, 108.0),
+    (1.15, 96.0),
+    (1.30, 76.0),
+    (1.40, 50.0),
+    (1.70, 46.0),
+    (1.95, 20.0),
+    (2.4, 2.0),
+    (3.2, -10.0),
+]
+
+_SKIN: Colour = (0.93, 0.76, 0.665)
+_LIP: Colour = (0.80, 0.50, 0.47)
 _INNER_LIP: Colour = (0.59, 0.26, 0.26)
 _BAG: Colour = (0.24, 0.07, 0.08)
 _NOSTRIL: Colour = (0.27, 0.12, 0.10)
@@ -64,17 +79,17 @@ def _outer_regions(skin: Skin) -> dict[str, Mask]:
     brow_path = [tuple(point) for point in brows.brow_path(np.linspace(0, 1, 12)).tolist()]
     jaw_height = np.interp(x, *np.transpose(_JAW_LINE))
     jaw_edge = skull.section_level(4)
-    nose_width = np.interp(y, [15, 22, 30, 45, 70, 86], [10, 15, 17, 16, 11, 10])
+    nose_width = np.interp(y, [15, 22, 30, 45, 66, 82], [10, 15, 17, 16, 11, 10])
     in_front = z > 60
     # The first that holds counts.
     rules: dict[str, Mask] = {
         "ear": skin.kinds == "ear",
         "eyelids": skin.kinds == "eyelid",
-        "nose": (skin.kinds == "nostril") | (in_front & (y > 19) & (y < 80) & (x < nose_width)),
+        "nose": (skin.kinds == "nostril") | (in_front & (y > 19) & (y < 76) & (x < nose_width)),
         "brow_skin": in_front & (distance_to_path(x, y, brow_path)[0] < 6.5),
         "neck": (skin.levels < jaw_edge - 9) | ((skin.levels < jaw_edge + 25) & (azimuth > 2.0)),
-        "forehead": (y > 78) & (azimuth < 1.15) & (y < 132 - 20 * azimuth**2),
-        "scalp": (y > 74) | (azimuth > 1.75),
+        "forehead": (y > 74) & (azimuth < 1.15) & (y < 124 - 20 * azimuth**2),
+        "scalp": (y > 70) | (azimuth > 1.75),
         "upper_lip_skin": (y > 0) & (y < 22) & (x < 29) & in_front,
         "lower_lip_skin": (y <= 0) & (y > -21) & (x < 27) & in_front,
         "chin": (y <= -21) & (x < 21),
@@ -98,9 +113,10 @@ def skin_colours(skin: Skin) -> FloatArray:
     def tint(share: FloatArray, colour: Colour) -> None:
         colours[:] += np.clip(share, 0, 1)[:, None] * (np.array(colour) - colours)
 
-    tint(0.20 * bump(x, y, (40, 32), (13, 11)) * front, (0.925, 0.59, 0.51))
-    tint(0.22 * bump(x, y, (0, 30), (12, 8)) * front, (0.88, 0.55, 0.48))
-    tint(0.25 * bump(x, y, (31, 66), (15, 9)) * front, (0.81, 0.59, 0.51))
+    tint(0.16 * bump(x, y, (37, 30), (15, 13)) * front, (0.93, 0.55, 0.50))
+    tint(0.20 * bump(x, y, (0, 28), (13, 8)) * front, (0.90, 0.53, 0.48))
+    tint(0.28 * bump(x, y, (30, 63), (15, 9)) * front, (0.78, 0.52, 0.46))
+    tint(0.55 * _hair(skin), (0.33, 0.25, 0.20))
     by_kind = {
         "bag": _BAG,
         "inner_lip": _INNER_LIP,
@@ -114,6 +130,14 @@ def skin_colours(skin: Skin) -> FloatArray:
         colours[_both(skin, ring)] = np.array(_NOSTRIL) * (0.8, 0.45, 0.25)[depth]
     _colour_lids(skin, colours)
     return np.asarray(np.clip(colours, 0, 1))
+
+
+def _hair(skin: Skin) -> FloatArray:
+    """Where hair would grow, 0 to 1: a close-cropped head."""
+    azimuth = np.nan_to_num(np.abs(skin.azimuths))
+    line = np.interp(azimuth, *np.transpose(_HAIRLINE))
+    grown = smoothstep((skin.vertices[:, 1] - line + 4) / 8)
+    return np.asarray(np.where(np.isfinite(skin.azimuths), grown, 0.0))
 
 
 def _colour_lids(skin: Skin, colours: FloatArray) -> None:

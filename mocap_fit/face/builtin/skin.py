@@ -229,11 +229,11 @@ def _edge_length(azimuth: FloatArray, level: FloatArray) -> FloatArray:
         (np.hypot((x - 31) * 0.7, y - eyes.CENTRE[1]) - 8, 3.0, 0.11),  # eye
         (np.hypot(0.9 * x, np.maximum(np.maximum(21 - y, y - 40), 0)) - 12, 1.8, 0.12),  # nose
         (np.hypot(x - 7, y - 23.5) - 4, 1.15, 0.16),  # nostril
-        (np.hypot(x, np.maximum(np.maximum(40 - y, y - 75), 0)) - 8, 2.9, 0.14),  # bridge
+        (np.hypot(x, np.maximum(np.maximum(40 - y, y - 71), 0)) - 8, 2.9, 0.14),  # bridge
     ):
         length = np.minimum(length, finest + growth * np.maximum(distance + front, 0))
     z_offset = skull.loft(azimuth, level)[:, 2] + 4.0
-    ear = np.hypot(z_offset, np.maximum(np.abs(y - 50) - 25, 0)) - 14
+    ear = np.hypot(z_offset, np.maximum(np.abs(y - 48) - 25, 0)) - 14
     beside = np.abs(azimuth - np.pi / 2) < np.pi / 3
     return np.asarray(np.where(beside, np.minimum(length, 3.6 + 0.15 * np.maximum(ear, 0)), length))
 
