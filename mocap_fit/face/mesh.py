@@ -188,6 +188,29 @@ class Mesh:
                 expected=f"one of {', '.join(self.feature_points) or 'none'}",
             ) from None
 
+    def normals(self, vertices: FloatArray | None = None) -> FloatArray:
+        """Unit normals at the vertices, `(vertices, 3)`, weighted by the triangles' areas.
+
+        Parameters
+        ----------
+        vertices
+            `(vertices, 3)`: the mesh in another shape; at rest where not given.
+        """
+        vertices = self.vertices if vertices is None else vertices
+        a, b, c = (vertices[self.triangles[:, corner]] for corner in range(3))
+        across = np.cross(b - a, c - a)
+        normals = np.stack(
+            [
+                np.bincount(
+                    self.triangles.ravel(), np.repeat(across[:, i], 3), minlength=len(vertices)
+                )
+                for i in range(3)
+            ],
+            axis=1,
+        )
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        return np.asarray(normals / np.maximum(lengths, 1e-12))
+
     def with_vertices(self, vertices: FloatArray) -> Mesh:
         """The same mesh in another shape."""
         return replace(self, vertices=vertices)

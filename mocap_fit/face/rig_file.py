@@ -78,8 +78,9 @@ class Constraint(_Strict):
 class Weight(_Strict):
     """The share of a transform that each vertex takes.
 
-    Either a falloff round a centre (1 within the plateau's part of the radii), or a smooth field through known values; then multiplied by
-    other weights (or one minus them), and set on whole parts, those that the mesh has.
+    Either a falloff round a centre (1 within the plateau's part of the radii), or a smooth field
+    through known values; then multiplied by other weights (or one minus them), and set on whole
+    parts, those that the mesh has.
     """
 
     on: str = "skin"

@@ -13,11 +13,11 @@ from mocap_fit.face import CompiledRig, Rig, parameters_from
 from mocap_fit.face.mesh import IndexArray, Mesh
 from mocap_fit.face.rig import evaluate_jacobian
 from mocap_fit.fitting.layout import Layout
-from mocap_fit.fitting.orientation import Orientation
+from mocap_fit.fitting.orientation import Orientation, reference_pose
 from mocap_fit.tracks import FloatArray, MarkerTracks
 
 # A marker tied to a feature point looks for its triangle within this many mouth widths of it.
-_REACH = 0.3
+_REACH = 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,19 +154,6 @@ def virtual_markers(
         + t[:, :, None] * slopes[third]
     )
     return positions + u * unit, jacobian + u[:, :, None] * d_unit
-
-
-def reference_pose(reference: MarkerTracks) -> dict[str, FloatArray]:
-    """Median position of every marker over the frames of a reference recording.
-
-    Markers that are never seen are left out.
-    """
-    pose = {}
-    for i, name in enumerate(reference.names):
-        seen = reference.positions[reference.visible[:, i], i]
-        if len(seen):
-            pose[name] = np.median(seen, axis=0)
-    return pose
 
 
 def bind_markers(

@@ -64,6 +64,9 @@ class Layout(_Strict):
     ----------
     name, description
         For people.
+    marker_offset
+        How far the centre of a marker is above the skin, millimetres; half a marker's diameter
+        for one that is glued on, 0 for a landmark.
     reference_parameters
         Face parameters of the reference pose; those not named are 0 (jaw and lips closed).
     markers
@@ -72,6 +75,7 @@ class Layout(_Strict):
 
     name: str = ""
     description: str = ""
+    marker_offset: float = Field(default=0.0, ge=0, le=20)
     reference_parameters: dict[str, float] = {}
     markers: tuple[LayoutMarker, ...]
 

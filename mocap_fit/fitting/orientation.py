@@ -61,6 +61,19 @@ class Orientation:
         return np.asarray((points - self.translation) @ self.rotation / self.scale)
 
 
+def reference_pose(reference: MarkerTracks) -> dict[str, FloatArray]:
+    """Median position of every marker over the frames of a reference recording.
+
+    Markers that are never seen are left out.
+    """
+    pose = {}
+    for i, name in enumerate(reference.names):
+        seen = reference.positions[reference.visible[:, i], i]
+        if len(seen):
+            pose[name] = np.median(seen, axis=0)
+    return pose
+
+
 def fit_orientation(
     rig: Rig,
     layout: Layout,
@@ -87,9 +100,13 @@ def fit_orientation(
     DataError
         If fewer than three strategic points are in the reference, they lie on a line, or the
         sizes are so different that the unit must be wrong.
-    """
-    from mocap_fit.fitting.binding import reference_pose
 
+    Notes
+    -----
+    The paper lays markers on vertices. A marker's centre is above the skin, though, by the
+    layout's ``marker_offset``, and so is the place where it is laid: otherwise the model would
+    come out larger than the speaker by as much.
+    """
     pose = reference_pose(reference)
     strategic = [m for m in layout.markers if m.orientation and m.name in pose]
     if len(strategic) < 3:
@@ -101,7 +118,8 @@ def fit_orientation(
         )
     vertices = rig.deform(parameters_from(layout.reference_parameters, rig.parameter_names))
     source = np.array([pose[m.name] for m in strategic])
-    target = np.array([vertices[rig.mesh.feature_point(m.feature_point or "")] for m in strategic])
+    points = [rig.mesh.feature_point(m.feature_point or "") for m in strategic]
+    target = vertices[points] + layout.marker_offset * rig.mesh.normals(vertices)[points]
     orientation = orient_points(source, target, objective=objective)
     lower, upper = _PLAUSIBLE_SCALE
     if not lower <= orientation.scale <= upper:
@@ -153,7 +171,7 @@ def orient_points(
     def cost(x: FloatArray, gradient: FloatArray) -> float:
         nonlocal evaluations, best
         evaluations += 1
-        turned = np.exp(x[6]) * Rotation.from_rotvec(x[3:6]).apply(points)
+        turned = np.exp(x[6]) * Rotation.from_rotvec(x[3:6].copy()).apply(points)
         difference = turned + x[:3] - goals
         if objective == "squares":
             value = float(np.sum(difference**2))

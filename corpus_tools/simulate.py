@@ -1,0 +1,351 @@
+"""Simulated recordings with known truth.
+
+First form: smooth random gestures of the built-in head (or one of other proportions), seen as the
+markers of a layout, with head motion, noise and drop-outs, written as a Qualisys export would be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.special import ndtr
+
+from corpus_tools.console import Status
+from mocap_fit.errors import ConfigurationError
+from mocap_fit.face import Mesh, Rig, load_face
+from mocap_fit.fitting import Binding, Layout, Orientation, bind_markers, load_layout
+from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks, PoseTracks, write_parquet
+
+# How far each gesture of running speech goes, as values of its parameter.
+_GESTURES = {
+    "jaw_rotation": (0.0, 0.9),
+    "lip_rounding": (-0.2, 1.0),
+    "upper_lip_retraction": (-0.2, 0.6),
+    "upper_lip_raise": (-0.1, 0.8),
+    "lower_lip_retraction": (-0.2, 0.7),
+    "lower_lip_depression": (-0.2, 0.9),
+    "left_corner_stretch": (-0.3, 0.9),
+    "right_corner_stretch": (-0.3, 0.9),
+    "jaw_thrust": (-0.4, 0.6),
+    "jaw_shift": (-0.4, 0.4),
+}
+_ANY_GESTURE = (-0.2, 0.8)
+# Speech gestures fade out above this rate, head motion above that one, in hertz.
+_GESTURE_RATE, _HEAD_RATE = 3.0, 0.4
+# The camera system's axes (x right, y away, z up) and the place of the head in them.
+_LABORATORY = Rotation.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+_PLACE = np.array([120.0, -340.0, 1250.0])
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What a simulated session is like.
+
+    Parameters
+    ----------
+    noise
+        Standard deviation of every coordinate of every marker, millimetres.
+    drop_outs
+        Part of the samples that are lost, in stretches of a few frames.
+    head_translation, head_rotation
+        Largest head motion to either side: millimetres along each axis, radians about each axis.
+    rate, duration
+        Hertz, seconds.
+    reference_duration
+        Length of the recording of the reference pose, seconds.
+    """
+
+    noise: float = 0.3
+    drop_outs: float = 0.05
+    head_translation: float = 30.0
+    head_rotation: float = float(np.radians(20.0))
+    rate: float = 60.0
+    duration: float = 4.0
+    reference_duration: float = 2.0
+
+    def __post_init__(self) -> None:
+        if self.rate <= 0 or self.duration * self.rate < 2 or self.reference_duration <= 0:
+            raise ConfigurationError(
+                "a simulated recording needs a rate above 0 and two frames or more",
+                found=f"{self.duration} s at {self.rate} Hz",
+            )
+        if not 0 <= self.drop_outs < 0.9 or self.noise < 0:
+            raise ConfigurationError(
+                "the noise or the drop-outs are not possible",
+                found=f"noise {self.noise} mm, drop-outs {self.drop_outs}",
+                expected="noise of 0 or more, drop-outs from 0 to below 0.9",
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """One simulated recording and its truth.
+
+    Parameters
+    ----------
+    recording
+        What a camera system would export.
+    parameters
+        The face parameters that made it.
+    pose
+        The head's pose, from reference to recording.
+    """
+
+    recording: MarkerTracks
+    parameters: ParameterTracks
+    pose: PoseTracks
+
+
+class Session:
+    """A speaker with markers on, ready to be recorded.
+
+    Parameters
+    ----------
+    layout
+        The marker layout.
+    face
+        The speaker's face: the built-in head, or one of its other proportions.
+    conditions
+        What the session is like.
+    """
+
+    def __init__(self, layout: Layout, face: Rig, conditions: Conditions) -> None:
+        self.layout = layout
+        self.face = face
+        self.conditions = conditions
+        places = marker_places(layout, face.mesh)
+        self._still = MarkerTracks(
+            tuple(places), conditions.rate, np.array(list(places.values()))[None]
+        )
+        self.binding: Binding = bind_markers(face, layout, self._still, Orientation())
+
+    def reference(self, rng: np.random.Generator) -> MarkerTracks:
+        """Record the reference pose: face and head at rest."""
+        frames = max(1, round(self.conditions.reference_duration * self.conditions.rate))
+        still = np.repeat(self._still.positions, frames, axis=0)
+        pose = PoseTracks(
+            ("head",),
+            self.conditions.rate,
+            np.repeat(np.eye(3)[None, None], frames, axis=0),
+            np.zeros((frames, 1, 3)),
+            np.zeros((frames, 1)),
+        )
+        return self._seen(still, pose, rng, drop_outs=0.0, name="reference")
+
+    def record(self, rng: np.random.Generator, name: str = "simulated") -> Simulation:
+        """Record smooth random gestures."""
+        conditions = self.conditions
+        frames = round(conditions.duration * conditions.rate)
+        names = self.face.parameter_names
+        values = np.stack(
+            [
+                gesture(
+                    rng, frames, conditions.rate, _GESTURE_RATE, *_GESTURES.get(n, _ANY_GESTURE)
+                )
+                for n in names
+            ],
+            axis=1,
+        )
+        lower, upper = self.face.bounds.T
+        values = np.clip(values, lower, upper)
+        largest = conditions.head_translation, conditions.head_rotation
+        shift, turn = (
+            np.stack(
+                [gesture(rng, frames, conditions.rate, _HEAD_RATE, -m, m) for _ in range(3)], axis=1
+            )
+            for m in largest
+        )
+        # The head turns about the top of the neck, not about its middle.
+        neck = np.array([0.0, -60.0, -20.0])
+        rotations = Rotation.from_euler("xyz", turn).as_matrix()
+        pose = PoseTracks(
+            ("head",),
+            conditions.rate,
+            rotations[:, None],
+            (neck + shift - rotations @ neck)[:, None],
+            np.zeros((frames, 1)),
+        )
+        markers = np.concatenate(
+            [
+                np.array([self.binding.evaluate(v)[0] for v in values]),
+                np.repeat(self.binding.head_positions[None], frames, axis=0),
+            ],
+            axis=1,
+        )
+        order = [
+            (*self.binding.names, *self.binding.head_names).index(n) for n in self._still.names
+        ]
+        recording = self._seen(
+            markers[:, order], pose, rng, drop_outs=conditions.drop_outs, name=name
+        )
+        truth = ParameterTracks(names, conditions.rate, values, name=name)
+        return Simulation(recording, truth, self._in_laboratory(pose))
+
+    def _seen(
+        self,
+        markers: FloatArray,
+        pose: PoseTracks,
+        rng: np.random.Generator,
+        *,
+        drop_outs: float,
+        name: str,
+    ) -> MarkerTracks:
+        """What cameras see of markers given in head coordinates."""
+        moved = np.einsum("fij,fmj->fmi", pose.rotations[:, 0], markers)
+        moved = _LABORATORY.apply((moved + pose.translations).reshape(-1, 3)).reshape(moved.shape)
+        moved = moved + _PLACE + rng.normal(0.0, self.conditions.noise or 0.0, moved.shape)
+        lost = _drop_outs(rng, moved.shape[0], moved.shape[1], drop_outs)
+        return MarkerTracks(
+            self._still.names,
+            self.conditions.rate,
+            np.where(lost[:, :, None], np.nan, moved),
+            name=name,
+        )
+
+    def _in_laboratory(self, pose: PoseTracks) -> PoseTracks:
+        """The pose from the reference recording to the recording, both in the laboratory."""
+        axes = _LABORATORY.as_matrix()
+        rotations = axes @ pose.rotations @ axes.T
+        translations = (pose.translations @ axes.T) + _PLACE - rotations @ _PLACE
+        return PoseTracks(
+            pose.names, pose.rate, rotations, translations, pose.residuals, name=pose.name
+        )
+
+
+def marker_places(layout: Layout, mesh: Mesh) -> dict[str, FloatArray]:
+    """Where the markers of a layout are on the built-in head, or on it in another shape.
+
+    Face markers are ``marker_offset`` above the skin: at their feature point, or at the vertex
+    of their region nearest to their position. Head markers are where their position says.
+
+    Parameters
+    ----------
+    layout
+        Markers that have neither feature point nor position are an error.
+    mesh
+        The built-in head, or a `reshape_head` of it.
+    """
+    from mocap_fit.face.builtin import built_in_head
+
+    standard = built_in_head()
+    normals = mesh.normals()
+    places = {}
+    for marker in layout.markers:
+        if marker.role == "head" and marker.position is not None:
+            places[marker.name] = np.asarray(marker.position)
+            continue
+        if marker.position is not None:
+            members = (
+                np.unique(np.concatenate([mesh.region(r) for r in marker.region]))
+                if marker.region
+                else mesh.region("skin")
+            )
+            apart = np.linalg.norm(standard.vertices[members] - marker.position, axis=1)
+            vertex = int(members[np.argmin(apart)])
+        elif marker.feature_point is not None:
+            vertex = mesh.feature_point(marker.feature_point)
+        else:
+            raise ConfigurationError(
+                f"the layout does not say where the marker '{marker.name}' is",
+                expected="a position, or a feature point",
+                advice="Add position = [x, y, z] on the built-in head to simulate with it.",
+            )
+        places[marker.name] = mesh.vertices[vertex] + layout.marker_offset * normals[vertex]
+    return places
+
+
+def gesture(
+    rng: np.random.Generator, frames: int, rate: float, fade: float, lower: float, upper: float
+) -> FloatArray:
+    """Make a smooth random track between two values, `(frames,)`.
+
+    Gaussian noise whose spectrum fades as a Gaussian above ``fade`` hertz, through the normal
+    distribution function, so that every value in between is as likely as another.
+    """
+    margin = int(np.ceil(2 * rate / fade))
+    white = rng.standard_normal(frames + 2 * margin)
+    frequencies = np.fft.rfftfreq(len(white), 1 / rate)
+    filtered = np.fft.irfft(
+        np.fft.rfft(white) * np.exp(-0.5 * (frequencies / fade) ** 2), len(white)
+    )
+    return np.asarray(lower + (upper - lower) * ndtr(filtered / filtered.std()))[
+        margin : margin + frames
+    ]
+
+
+def _drop_outs(
+    rng: np.random.Generator, frames: int, markers: int, share: float
+) -> NDArray[np.bool_]:
+    """Which samples are lost, `(frames, markers)`: stretches of three frames on average."""
+    lost = np.zeros((frames, markers), dtype=bool)
+    length = 3.0
+    for marker in range(markers):
+        while lost[:, marker].sum() < share * frames - 0.5 * length * rng.random():
+            start = rng.integers(frames)
+            lost[start : start + rng.geometric(1 / length), marker] = True
+    return lost
+
+
+def run(
+    out: Path,
+    *,
+    utterances: int,
+    seed: int,
+    layout: str,
+    conditions: Conditions,
+    head: dict[str, float] | None = None,
+    progress: Callable[[int], object] | None = None,
+) -> Status:
+    """Write a simulated session: recordings, the reference pose, and the truth beside them.
+
+    Parameters
+    ----------
+    out
+        A folder that does not exist yet, or is empty.
+    utterances
+        Number of recordings.
+    seed
+        The same seed gives the same files.
+    layout
+        A layout's name or file.
+    conditions
+        What the session is like.
+    head
+        Proportions of the speaker's head, for `reshape_head`; the built-in head where not given.
+    progress
+        Called with the number of recordings written so far.
+    """
+    from mocap_fit.face.builtin import built_in_head, reshape_head
+    from mocap_fit.io import write_qualisys_tsv
+
+    if out.exists() and any(out.iterdir()):
+        raise ConfigurationError(
+            "the folder for the simulation is not empty",
+            path=str(out),
+            advice="Give a new folder, or empty this one.",
+        )
+    face = load_face()
+    if head:
+        face = load_face(mesh=reshape_head(built_in_head(), **head))
+    session = Session(load_layout(layout), face, conditions)
+    folders = [out / "recordings", out / "truth" / "tracks", out / "truth" / "head"]
+    for folder in folders:
+        folder.mkdir(parents=True, exist_ok=True)
+    generators = np.random.default_rng(seed).spawn(utterances + 1)
+    write_qualisys_tsv(session.reference(generators[0]), out / "reference.tsv")
+    width = max(3, len(str(utterances)))
+    for i, rng in enumerate(generators[1:]):
+        name = f"sim{i + 1:0{width}d}"
+        simulation = session.record(rng, name)
+        write_parquet(simulation.parameters, folders[1] / f"{name}.parquet")
+        write_parquet(simulation.pose.replace(name=name), folders[2] / f"{name}.parquet")
+        # The recording comes last: where it is, its truth is too.
+        write_qualisys_tsv(simulation.recording, folders[0] / f"{name}.tsv")
+        if progress is not None:
+            progress(i + 1)
+    return Status.DONE
