@@ -82,7 +82,7 @@ def _nearest_rotations(matrices: FloatArray) -> FloatArray:
 
 def _by_track(values: FloatArray) -> FloatArray:
     """`(frames, tracks, coordinates)`, whatever it was."""
-    return values.reshape(len(values), values.shape[1], -1)
+    return values.reshape(*values.shape[:2], int(np.prod(values.shape[2:])))
 
 
 def _low_passed(values: FloatArray, rate: float, cutoff: float, order: int) -> FloatArray:

@@ -148,8 +148,8 @@ def fill_gaps(
         median over the frames that show all of it, and the marker is led into the samples before
         and after the gap, from which a real set differs a little.
     maximum_gap
-        Seconds; a gap that lasts longer stays as it is; infinite for no limit. It counts for all methods, but for
-        ``rigid``, which knows how the head moved meanwhile, it may be long.
+        Seconds; a gap that lasts longer stays as it is; infinite for no limit. It counts for all
+        methods, but for ``rigid``, which knows how the head moved meanwhile, it may be long.
     rigid_set
         Markers of the rigid set, four or more; only these are filled. For ``rigid`` alone.
 

@@ -1,0 +1,140 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from mocap_fit.errors import DataError
+from mocap_fit.tracks import rigid_transform, rigid_transforms, similarity_transform, spread
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+@settings(max_examples=60, deadline=None)
+@given(SEEDS, st.integers(3, 8), st.booleans())
+def test_exact_transforms_are_recovered_also_of_flat_sets(seed, count, flat):
+    rng = np.random.default_rng(seed)
+    source = rng.normal(size=(count, 3)) * [60, 40, 0 if flat or count == 3 else 20]
+    if spread(source)[1] < 5:
+        return
+    turn, shift = Rotation.random(rng=rng).as_matrix(), rng.normal(size=3) * 300
+    rotation, translation = rigid_transform(source, source @ turn.T + shift)
+    np.testing.assert_allclose(rotation, turn, atol=1e-10)
+    np.testing.assert_allclose(translation, shift, atol=1e-8)
+    scale, rotation, translation = similarity_transform(source, 0.7 * source @ turn.T + shift)
+    assert scale == pytest.approx(0.7, rel=1e-10)
+    np.testing.assert_allclose(rotation, turn, atol=1e-10)
+    np.testing.assert_allclose(translation, shift, atol=1e-8)
+
+
+def test_a_mirrored_set_gives_the_best_rotation_and_no_reflection(rng):
+    source = rng.normal(size=(6, 3))
+    rotation, _ = rigid_transform(source, source * [-1, 1, 1])
+    assert np.linalg.det(rotation) == pytest.approx(1.0)
+
+    def cost(turn):
+        centred = source - source.mean(axis=0)
+        return np.sum((centred @ turn.T - centred * [-1, 1, 1]) ** 2)
+
+    others = Rotation.random(2000, rng=rng).as_matrix()
+    assert cost(rotation) <= min(cost(turn) for turn in others) + 1e-9
+
+
+@settings(max_examples=40, deadline=None)
+@given(SEEDS)
+def test_the_answer_is_least_squares(seed):
+    """No small motion from the answer fits better; whole-number weights are repeated points."""
+    rng = np.random.default_rng(seed)
+    source, target = rng.normal(size=(5, 3)), rng.normal(size=(5, 3))
+    weights = rng.integers(1, 4, size=5)
+    rotation, translation = rigid_transform(source, target, weights)
+
+    def cost(turn, shift):
+        return np.sum(weights[:, None] * (source @ turn.T + shift - target) ** 2)
+
+    least = cost(rotation, translation)
+    for step in np.concatenate([np.eye(6), -np.eye(6)]) * 1e-3:
+        turned = Rotation.from_rotvec(step[:3]).as_matrix() @ rotation
+        assert cost(turned, translation + step[3:]) >= least
+    repeated = np.repeat(np.arange(5), weights)
+    again = rigid_transform(source[repeated], target[repeated])
+    np.testing.assert_allclose(again[0], rotation, atol=1e-9)
+    np.testing.assert_allclose(again[1], translation, atol=1e-9)
+
+
+def test_missing_points_are_left_out_frame_by_frame(rng):
+    source = rng.normal(size=(5, 3)) * 50
+    turns = Rotation.random(6, rng=rng).as_matrix()
+    shifts = rng.normal(size=(6, 3))
+    target = np.einsum("fij,pj->fpi", turns, source) + shifts[:, None]
+    target[1, 0] = np.nan
+    target[2, :2] = np.nan
+    target[3, :3] = np.nan
+    target[4] = np.nan
+    rotations, translations, residuals = rigid_transforms(source, target)
+    known = [0, 1, 2, 5]
+    np.testing.assert_allclose(rotations[known], turns[known], atol=1e-10)
+    np.testing.assert_allclose(translations[known], shifts[known], atol=1e-9)
+    assert np.isnan(residuals[[3, 4]]).all()
+    assert np.isnan(rotations[[3, 4]]).all()
+    assert np.isnan(translations[[3, 4]]).all()
+    # A missing point of the source is missing in every frame.
+    source[4] = np.nan
+    residuals = rigid_transforms(source, target)[2]
+    assert np.isnan(residuals).tolist() == [False, False, True, True, True, False]
+
+
+def test_frames_whose_visible_points_lie_on_a_line_have_no_pose():
+    source = np.array([[0.0, 0, 0], [10, 0, 0], [20, 0, 0], [0, 30, 0]])
+    target = np.stack([source, source])
+    target[1, 3] = np.nan
+    residuals = rigid_transforms(source, target)[2]
+    assert np.isnan(residuals).tolist() == [False, True]
+
+
+def test_the_residual_is_the_root_mean_square_distance(rng):
+    source = rng.normal(size=(6, 3)) * 50
+    target = source + rng.normal(size=(6, 3))
+    rotations, translations, residuals = rigid_transforms(source, target[None])
+    distances = np.linalg.norm(source @ rotations[0].T + translations[0] - target, axis=1)
+    assert residuals[0] == pytest.approx(np.sqrt(np.mean(distances**2)))
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        (np.outer(np.arange(5.0), [1, 2, 3]), "on a line"),
+        (np.ones((4, 3)), "in one place"),
+        (np.eye(3)[:2], "only 2"),
+        (np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [np.nan, 0, 0]])[[0, 1, 3]], "only 2"),
+    ],
+)
+def test_sets_that_tell_no_rotation_are_refused_with_the_reason(points, words):
+    with pytest.raises(DataError, match=words):
+        rigid_transform(points, points)
+    with pytest.raises(DataError, match=words):
+        similarity_transform(points, points)
+
+
+def test_wrong_shapes_and_weights_are_refused():
+    points = np.eye(3)
+    with pytest.raises(DataError, match="match"):
+        rigid_transform(points, np.zeros((4, 3)))
+    with pytest.raises(DataError, match="shape"):
+        rigid_transform(np.zeros((3, 2)), np.zeros((3, 2)))
+    with pytest.raises(DataError, match="negative"):
+        rigid_transform(points, points, [1, 1, -1])
+    with pytest.raises(DataError, match="weights"):
+        rigid_transform(points, points, [1, 1])
+    with pytest.raises(DataError, match="only 2"):
+        rigid_transform(points, points, [1, 1, 0])
+
+
+def test_spread_is_the_standard_deviation_along_the_principal_directions(rng):
+    points = rng.normal(size=(200_000, 3)) * [30, 10, 2]
+    turned = points @ Rotation.random(rng=rng).as_matrix().T + 500
+    np.testing.assert_allclose(spread(turned), [30, 10, 2], rtol=0.02)
+    np.testing.assert_allclose(spread(np.ones((4, 3))), 0, atol=1e-12)
+    assert np.isnan(spread(np.full((2, 3), np.nan))).all()
+    # Points with weight 0 do not count.
+    np.testing.assert_allclose(spread([[0, 0, 0], [2, 0, 0], [9, 9, 9]], [1, 1, 0]), [1, 0, 0])
