@@ -1,22 +1,39 @@
-"""The ear: rings from the skin behind it, over its rim, into its bowl."""
+"""The ear: rings from the skin around it, over its rim, into its bowl."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from mocap_fit.face.builtin.flesh import skin_at
 from mocap_fit.face.builtin.surfaces import bump, hill, smoothstep
 from mocap_fit.tracks import FloatArray
 
 EAR_POINTS = 32
-_CENTRE = np.array([70.0, 48.0, -4.0])
-_FLARE = np.radians(28)
-_TILT = np.radians(9)
-# Across the ear backwards, along it upwards, and away from the head.
-_BACKWARDS = np.array([np.sin(_FLARE), 0.0, -np.cos(_FLARE)])
-_UPWARDS = np.array([0.05, np.cos(_TILT), -np.sin(_TILT)])
-_OUTWARDS = np.array([np.cos(_FLARE), 0.0, np.sin(_FLARE)])
-_FACE_RINGS = (1.0, 0.95, 0.9, 0.84, 0.76, 0.68, 0.6, 0.52, 0.42, 0.3, 0.16)
+_CENTRE = np.array([70.5, 49.0, -4.0])
+# The ear stands off the head, more at its top than at its lobe, and leans back.
+_FLARE, _FLARE_PER_MM = np.radians(27), np.radians(0.20)
+_UPWARDS = np.array([0.13, np.cos(np.radians(9)), -np.sin(np.radians(9))])
+_FACE_RINGS = (1.0, 0.96, 0.91, 0.85, 0.77, 0.68, 0.6, 0.52, 0.42, 0.3, 0.16)
+# Outline of the rim: angle (degrees; 0 is back, 90 up, 180 front) and distance from the centre.
+_OUTLINE = np.array(
+    [
+        [0, 18.5],
+        [30, 22],
+        [60, 28],
+        [90, 30.5],
+        [120, 25],
+        [150, 16.5],
+        [180, 13],
+        [210, 14.5],
+        [240, 20],
+        [262, 27.5],
+        [283, 27.5],
+        [307, 20.5],
+        [335, 17.5],
+        [360, 18.5],
+    ]
+)
 
 
 def ear_outline() -> FloatArray:
@@ -26,55 +43,65 @@ def ear_outline() -> FloatArray:
     """
     angle = _angles()
     back, up = np.cos(angle), np.sin(angle)
-    z = _CENTRE[2] - np.where(back > 0, 5.0, 14.5) * back - 3.0 * up
-    y = _CENTRE[1] + np.where(up > 0, 24.0, 25.0) * up
-    return np.stack([z, y], axis=1)
+    # Narrow where the ear stands off the head, just outside the rim where it lies on the cheek.
+    narrow = 1 / np.hypot(back / 4.5, up / 24.0)
+    share = smoothstep((0.20 - back) / 0.95)
+    reach = narrow + share * (_reach(angle) + 2.0 - narrow)
+    along = reach * up
+    z = _CENTRE[2] - 0.9 * reach * back + _UPWARDS[2] * along
+    return np.stack([z, _CENTRE[1] + _UPWARDS[1] * along], axis=1)
 
 
 def ear_rings() -> list[FloatArray]:
     """Rings `(EAR_POINTS, 3)` from the skin to the bowl; the last is to be closed by a point."""
     base = skin_at(ear_outline(), (2, 1))
-    face = [_face_ring(radius) for radius in _FACE_RINGS]
+    face = [_face_ring(radius, base) for radius in _FACE_RINGS]
     rim = face[0]
     back = np.cos(_angles())
-    behind = smoothstep((back + 0.45) / 0.9)[:, None]
+    behind = smoothstep((back + 0.35) / 0.9)[:, None]
     joint = []
-    for share in (0.20, 0.55, 0.82):
+    for share in (0.82, 0.55, 0.20):
         points = base * share + rim * (1 - share)
         # Behind the ear the skin first runs parallel to the rim, then dives to the head.
-        points = points - behind * _OUTWARDS * (5.0 * share * (1 - share))
-        joint.append(points)
-    return [base, *joint[::-1], *face]
+        joint.append(points - behind * np.array([4.4, 0.0, 2.2]) * (share * (1 - share)))
+    return [base, *joint, *face]
 
 
 def _angles() -> FloatArray:
     return 2 * np.pi * np.arange(EAR_POINTS) / EAR_POINTS
 
 
-def _face_ring(radius: float) -> FloatArray:
+def _reach(angle: FloatArray) -> FloatArray:
+    """Distance of the rim from the ear's centre."""
+    rim = CubicSpline(np.radians(_OUTLINE[:, 0]), _OUTLINE[:, 1], bc_type="periodic")
+    return np.asarray(rim(angle))
+
+
+def _face_ring(radius: float, base: FloatArray) -> FloatArray:
     """The outer face of the ear at a share of the way from its middle to its rim."""
     angle = _angles()
     back, up = np.cos(angle), np.sin(angle)
-    reach = 1 / np.hypot(back / np.where(back > 0, 19.0, 13.5), up / 31.0)
-    front = smoothstep((-back - 0.2) / 0.7)
+    reach = _reach(angle)
+    front = smoothstep((-back - 0.15) / 0.7)
     lobe = smoothstep((-up - 0.55) / 0.35)
-    across = reach * radius * back * (1 + 0.10 * up * radius - 0.20 * lobe * radius)
-    along = reach * radius * up
-    height = 4.5 - 7.5 * bump(across, along, (-2.0, -4.0), (6.0, 7.4))  # the bowl
+    across, along = reach * radius * back, reach * radius * up
+    height = 4.0 - 7.0 * bump(across, along, (-2.0, -4.0), (6.0, 8.0))  # the bowl
     fold = (1 - front) * (1 - lobe)
-    height += 2.6 * hill(np.full_like(up, radius), 0.60, 0.078) * fold * smoothstep((up + 1) / 0.6)
-    height -= 1.6 * hill(np.full_like(up, radius), 0.79, 0.064) * fold
-    height += (
-        3.0 * hill(np.full_like(up, radius), 0.96, 0.064) * (1 - 0.75 * lobe) * (1 - 0.8 * front)
-    )
-    height += 3.8 * bump(across, along, (-10.5, -3.5), (2.1, 3.5))  # tragus
-    height += 2.0 * bump(across, along, (-4.5, -15), (2.5, 2.3))  # antitragus
+    at = np.full_like(up, radius)
+    height += 2.6 * hill(at, 0.58, 0.085) * fold * smoothstep((up + 1) / 0.6)
+    height -= 1.8 * hill(at, 0.78, 0.07) * fold
+    height += 2.8 * hill(at, 0.96, 0.07) * (1 - 0.6 * lobe) * (1 - front)
+    height += 1.8 * bump(across, along, (-4.5, -15), (2.8, 2.5))  # antitragus
     if radius < 0.95:  # root of the helix
-        height += 2.4 * hill(along, 6, 1.6) * smoothstep((-across - 1) / 6)
-    height += 1.5 * lobe * radius - 2.5 * front * radius
-    return np.asarray(
-        _CENTRE
-        + across[:, None] * _BACKWARDS
-        + along[:, None] * _UPWARDS
-        + height[:, None] * _OUTWARDS
-    )
+        height += 2.2 * hill(along, 7, 1.8) * smoothstep((-across - 1) / 6)
+    flare = _FLARE + _FLARE_PER_MM * along
+    sine, cosine, zero = np.sin(flare), np.cos(flare), np.zeros_like(flare)
+    points = _CENTRE + np.outer(along, _UPWARDS)
+    points += across[:, None] * np.stack([sine, zero, -cosine], axis=1)
+    points += height[:, None] * np.stack([cosine, zero, sine], axis=1)
+    # In front the ear has no rim: it runs out on the cheek.
+    on_cheek = base + (1 - 0.90 * radius) * (base.mean(axis=0) - base)
+    share = (front * smoothstep((radius - 0.45) / 0.5))[:, None]
+    points += share * (on_cheek - points)
+    tragus = bump(across, along, (-9.5, -3.5), (2.4, 4.0))
+    return np.asarray(points + np.outer(tragus, [2.4, 0.0, -1.6]))

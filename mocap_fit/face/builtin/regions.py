@@ -13,19 +13,20 @@ from mocap_fit.tracks import FloatArray
 SIDED = ("jaw", "cheek", "brow_skin", "eyelids", "ear")
 _JAW_LINE = [(21.0, -30.0), (40.0, -18.0), (56.0, 2.0), (66.0, 22.0)]
 
-# Azimuth and height.
+# Azimuth × 70 and height.
 _HAIRLINE = [
     (0.0, 123.0),
-    (0.4, 124.0),
-    (0.7, 120.0),
-    (0.95, 108.0),
-    (1.15, 96.0),
-    (1.30, 76.0),
-    (1.40, 50.0),
-    (1.70, 46.0),
-    (1.95, 20.0),
-    (2.4, 2.0),
-    (3.2, -10.0),
+    (17.5, 126.0),
+    (35.0, 125.5),
+    (52.5, 119.0),
+    (66.5, 108.0),
+    (80.5, 96.0),
+    (88.9, 78.0),
+    (95.2, 56.0),
+    (119.0, 46.0),
+    (136.5, 20.0),
+    (168.0, 2.0),
+    (224.0, -10.0),
 ]
 
 _SKIN: Colour = (0.93, 0.76, 0.665)
@@ -134,10 +135,12 @@ def skin_colours(skin: Skin) -> FloatArray:
 
 def _hair(skin: Skin) -> FloatArray:
     """Where hair would grow, 0 to 1: a close-cropped head."""
-    azimuth = np.nan_to_num(np.abs(skin.azimuths))
-    line = np.interp(azimuth, *np.transpose(_HAIRLINE))
-    grown = smoothstep((skin.vertices[:, 1] - line + 4) / 8)
-    return np.asarray(np.where(np.isfinite(skin.azimuths), grown, 0.0))
+    on_head = np.isfinite(skin.azimuths)
+    around = 70 * np.abs(skin.azimuths[on_head])
+    distance, side, _ = distance_to_path(around, skin.vertices[on_head, 1], _HAIRLINE)
+    grown = np.zeros(len(on_head))
+    grown[on_head] = smoothstep((distance * side + 7) / 15)
+    return grown
 
 
 def _colour_lids(skin: Skin, colours: FloatArray) -> None:

@@ -222,7 +222,7 @@ def _edge_length(azimuth: FloatArray, level: FloatArray) -> FloatArray:
     x, y, _ = skull.loft(azimuth, level).T
     face = smoothstep((np.cos(azimuth) - 0.15) / 0.55)
     face *= smoothstep((y + 62) / 14) * smoothstep((150 - y) / 35)
-    length = 8.5 * (1 - face) + 5.6 * face
+    length = 7.0 * (1 - face) + 5.2 * face
     front = np.where(azimuth < np.pi / 2, 0.0, 100.0)
     for distance, finest, growth in (
         (np.hypot(np.maximum(x - 25, 0), y) - 6, 3.3, 0.10),  # mouth
@@ -260,7 +260,7 @@ def _whole(
     kinds = np.array(half.kinds)[used]
     kinds = np.concatenate([kinds, kinds[~middle]])
     smooth = smoothed(*_where_to_smooth(vertices, both, kinds))
-    smooth = smoothed(smooth, both, _nose_smoothing(smooth, kinds), 3)
+    smooth = smoothed(smooth, both, _nose_smoothing(smooth, kinds) + 0.25 * (kinds == "ear"), 3)
     points = smooth[:count].copy()
     points[middle, 0] = 0.0
     place = np.full((count, 2), np.nan)
@@ -286,7 +286,8 @@ def _where_to_smooth(
     """The corners of the mouth, where rings crowd together."""
     x, y, z = np.abs(vertices[:, 0]), vertices[:, 1], vertices[:, 2]
     around = bump(x, y, (26.5, 0.5), (3.2, 3.2)) * (z > 60)
-    return vertices, triangles, 0.6 * around * np.isin(kinds, ["fill", "skin", "border"]), 14
+    around *= np.isin(kinds, ["fill", "skin", "border"])
+    return vertices, triangles, 0.6 * around, 14
 
 
 def _nose_smoothing(vertices: FloatArray, kinds: NDArray[np.str_]) -> FloatArray:

@@ -24,11 +24,11 @@ _SECTIONS = np.array(
         [-100, -86, -62, 40, 53, -16, -65, 2],
         [-77, -58, -38, 43, 45.5, -14, -62, 2],
         [-62, -37, -18, 53, 47.5, -10, -63, 1.98],
-        [-56, -25, -3, 73, 53, -4, -68, 1.9],
-        [-47, -15, 9, 88, 56.5, 0, -73, 1.86],
-        [-34, 0, 22.7, 93.5, 60, 3, -79, 1.86],
-        [-18, 15, 35.5, 95, 63, 3, -84, 1.9],
-        [0, 30.1, 47.4, 97, 65.5, 1, -88, 1.96],
+        [-56, -25, -3, 73, 51, -4, -68, 1.9],
+        [-47, -15, 9, 88, 55, 0, -73, 1.86],
+        [-34, 0, 22.7, 93.5, 59.5, 3, -79, 1.86],
+        [-18, 15, 35.5, 95, 63.5, 3, -84, 1.9],
+        [0, 30.1, 47.4, 97, 66.5, 1, -88, 1.96],
         [21.8, 43.8, 58.4, 98, 68.5, -1, -91, 2.02],
         [42.8, 56.6, 71, 96, 70, -4, -93, 2.08],
         [64, 73, 84, 95, 71.5, -7, -94, 2.15],
@@ -42,6 +42,7 @@ _SECTIONS = np.array(
     ],
     dtype=np.float64,
 )
+_EASE = 0.3
 CROWN = np.array([0.0, 175.3, -8.0])
 
 
@@ -72,7 +73,9 @@ def loft(azimuth: FloatArray, level: FloatArray) -> FloatArray:
     share = np.clip((cosine + 0.25) / 0.5, 0.0, 1.0)
     share = share * share * (3.0 - 2.0 * share)
     exponent = 2.0 / squareness * share + (1.0 - share)
-    x = half_width * np.maximum(sine, 0.0) ** exponent
+    # A power of the sine alone would leave a crease in the middle of the face.
+    ease = ((sine**2 + _EASE**2) / (1 + _EASE**2)) ** ((exponent - 1) / 2)
+    x = half_width * np.maximum(sine, 0.0) * ease
     forward = np.abs(cosine)
     z = np.where(
         cosine >= 0.0,

@@ -30,7 +30,7 @@ _UPPER_EDGES = [-1.2, -0.7, -1.2, -0.85, -0.5, -0.15]
 _LOWER_WIDTHS = [5.4, 5.9, 6.9, 7.0, 7.1, 10.0]
 _LOWER_HEIGHTS = [8.6, 8.8, 9.8, 8.4, 7.8, 7.0]
 _LOWER_EDGES = [-2.6, -2.6, -2.6, -2.45, -2.3, -2.15]
-_BEHIND_THE_LIPS = 6.6
+_BEHIND_THE_LIPS = 7.0
 _OVERJET = 2.6
 _TONGUE_LENGTH = 50.0
 
@@ -74,7 +74,7 @@ def gums(*, upper: bool) -> Piece:
     """The gum behind and above (or below) one row of teeth."""
     x = np.linspace(-29, 29, 25)
     up = np.array([5.8, 7.3, 9.5, 12.5, 15.0] if upper else [-8.2, -9.6, -11.5, -14.0, -16.5])
-    forward = np.array([-0.9, 0.5, 0.4, -1.0, -4.0]) - (0.2 if upper else 0.1)
+    forward = np.array([-1.1, 0.3, 0.2, -1.2, -4.2] if upper else [-1.0, 0.2, -0.6, -3.5, -7.0])
     depth = _arch(x, upper=upper)
     vertices = np.stack(
         np.broadcast_arrays(x[:, None], up, depth[:, None] + forward), axis=2
