@@ -94,3 +94,104 @@ def info(
     from corpus_tools import info as command
 
     raise typer.Exit(command.run(files, as_json=as_json))
+
+
+@app.command()
+def fit(
+    recordings: Annotated[
+        list[Path],
+        typer.Argument(metavar="RECORDING", help="Recordings: files, folders or patterns."),
+    ],
+    reference: Annotated[
+        Path, typer.Option(help="A recording of the reference pose: face at rest, lips closed.")
+    ],
+    layout: Annotated[str, typer.Option(help="The marker layout: a shipped name, or a TOML file.")],
+    out: Annotated[Path, typer.Option(help="The folder for OUT/ID.parquet.")],
+    face: Annotated[str, typer.Option(help="The face: built-in, or a rig file.")] = "built-in",
+    objective: Annotated[
+        str, typer.Option(help="What is minimised: distances, squares or huber.")
+    ] = "distances",
+    solver: Annotated[
+        str, typer.Option(help="The nlopt algorithm; LN_PRAXIS is Powell's, as in the paper.")
+    ] = "LD_SLSQP",
+    refine_pose: Annotated[
+        bool, typer.Option("--refine-pose", help="Find the head's pose together with the shape.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Fit face parameters to recordings, frame by frame."""
+    from corpus_tools import fit as command
+    from mocap_fit.fitting.objective import OBJECTIVES
+    from mocap_fit.fitting.shape import SOLVERS
+
+    options = command.Options(
+        _one_of(objective, OBJECTIVES, "--objective"),  # type: ignore[arg-type]
+        _one_of(solver, SOLVERS, "--solver"),
+        refine_pose,
+    )
+    raise typer.Exit(
+        command.run(
+            recordings,
+            reference=reference,
+            layout=layout,
+            out=out,
+            face=face,
+            options=options,
+            as_json=as_json,
+        )
+    )
+
+
+@app.command()
+def simulate(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="A new folder.")],
+    utterances: Annotated[int, typer.Option(min=1, help="How many recordings.")] = 10,
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same files.")] = 0,
+    layout: Annotated[
+        str, typer.Option(help="The marker layout: a shipped name, or a TOML file.")
+    ] = "face30-head5",
+    duration: Annotated[float, typer.Option(min=0.1, help="Length of a recording (s).")] = 4.0,
+    rate: Annotated[float, typer.Option(min=1, help="Frames a second (Hz).")] = 60.0,
+    noise: Annotated[float, typer.Option(min=0, help="Noise of a coordinate (mm).")] = 0.3,
+    drop_outs: Annotated[
+        float, typer.Option(min=0, max=0.8, help="Part of the samples that are lost.")
+    ] = 0.05,
+    head_shift: Annotated[float, typer.Option(min=0, help="Largest head shift (mm).")] = 30.0,
+    head_turn: Annotated[
+        float, typer.Option(min=0, max=80, help="Largest head turn (degrees).")
+    ] = 20.0,
+    other_speaker: Annotated[
+        bool,
+        typer.Option("--other-speaker", help="A head of other size and proportions."),
+    ] = False,
+) -> None:
+    """Make recordings with known truth, as a Qualisys system would export them."""
+    import math
+
+    from corpus_tools import simulate as command
+
+    conditions = command.Conditions(
+        noise=noise,
+        drop_outs=drop_outs,
+        head_translation=head_shift,
+        head_rotation=math.radians(head_turn),
+        rate=rate,
+        duration=duration,
+    )
+    with console.progress("simulating recordings", utterances) as advance:
+        status = command.run(
+            out,
+            utterances=utterances,
+            seed=seed,
+            layout=layout,
+            conditions=conditions,
+            head=command.OTHER_SPEAKER if other_speaker else None,
+            progress=lambda _: advance(),
+        )
+    raise typer.Exit(status)
+
+
+def _one_of(value: str, known: Sequence[str], option: str) -> str:
+    if value not in known:
+        raise typer.BadParameter(f"'{value}' is not one of {', '.join(known)}", param_hint=option)
+    return value

@@ -37,6 +37,14 @@ _GESTURES = {
 _ANY_GESTURE = (-0.2, 0.8)
 # Speech gestures fade out above this rate, head motion above that one, in hertz.
 _GESTURE_RATE, _HEAD_RATE = 3.0, 0.4
+# A speaker whose head differs from the built-in one in size and proportions.
+OTHER_SPEAKER = {
+    "size": 0.92,
+    "width": 1.05,
+    "depth": 1.04,
+    "lower_face": 1.08,
+    "mouth_width": 0.92,
+}
 # The camera system's axes (x right, y away, z up) and the place of the head in them.
 _LABORATORY = Rotation.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 _PLACE = np.array([120.0, -340.0, 1250.0])
