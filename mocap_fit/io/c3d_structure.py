@@ -166,6 +166,9 @@ def _check_counts(plan: _Plan, data_start: int) -> None:
     used = plan.count("POINT", "USED")
     if used is not None and used != points:
         _refuse(plan.path, "header and parameters contradict each other", used, f"{points} points")
+    rate = plan.value("POINT", "RATE")
+    if rate is not None and not (np.isfinite(rate) and rate > 0):
+        _refuse(plan.path, "the frame rate is not possible", f"{rate:g} Hz", "a number above 0")
     channels = plan.count("ANALOG", "USED") or 0
     if analog != channels * per_frame:
         _refuse(

@@ -31,7 +31,7 @@ from mocap_fit.tracks import MarkerTracks
 
 NAME = "csv"
 description = "plain CSV with a column a coordinate"
-extensions = (".csv", ".tsv", ".txt")
+extensions = (".csv",)
 
 Separator = Literal["\t", ";", ","]
 _SEPARATORS: tuple[Separator, ...] = ("\t", ";", ",")
@@ -182,7 +182,7 @@ def _read_titles(text: TextFile) -> tuple[_Titles, int]:
     except _TitleError as error:
         raise _title_fault(error, text.path, start) from None
     if titles.rows == 1 and len(lines) == 2:
-        text.push_back(lines[1])
+        text.push_back()
     return titles, start
 
 

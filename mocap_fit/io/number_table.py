@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.errors import FileFormatError, MocapFitWarning
+from mocap_fit.io.text import decoded
 from mocap_fit.tracks import FloatArray
 
 MISSING_WORDS = frozenset(
@@ -26,6 +27,9 @@ MISSING_WORDS = frozenset(
     )
 )
 """What stands for a missing number, in lower case and without blanks round it."""
+
+_SAMPLE = 100
+"""Rows that show how the numbers of a column were written."""
 
 _SPELLINGS = sorted(
     {form for word in MISSING_WORDS for form in (word, word.upper(), word.capitalize())} | {"NaN"}
@@ -66,23 +70,21 @@ class NumberTable:
         `(rows,)`, the line of the file that each row stands in.
     lost_line
         The last line, where it is not whole and was left out.
+    sample
+        The cells of the first rows, as they were written.
     """
 
     values: FloatArray
     lines: NDArray[np.intp]
     lost_line: int | None
+    sample: tuple[tuple[str, ...], ...]
 
     def decimals(self, column: int) -> int:
         """Digits after the point that a column was written with, at most 9."""
-        values = self.values[:1000, column]
-        values = values[np.isfinite(values)]
-        for digits in range(9):
-            # Half a unit of a ninth digit, or of what a float64 of this size can hold.
-            near = 1e-9 * 10**digits + 4 * np.spacing(np.abs(values) * 10**digits)
-            scaled = values * 10**digits
-            if (np.abs(scaled - np.round(scaled)) <= near).all():
-                return digits
-        return 9
+        cells = [row[column].strip() for row in self.sample]
+        if any("e" in cell.lower() for cell in cells if not is_missing(cell)):
+            return 9
+        return min(9, max((_digits(cell) for cell in cells), default=0))
 
 
 @dataclass(frozen=True)
@@ -93,9 +95,6 @@ class _Lines:
     numbers: NDArray[np.intp]
     cells: NDArray[np.intp]
     terminated: bool
-
-    def line(self, row: int) -> str:
-        return self.block.split(b"\n", row + 1)[row].decode("utf-8", errors="replace")
 
 
 def read_numbers(
@@ -137,7 +136,7 @@ def read_numbers(
     MocapFitWarning
         If the last line is not whole, or there are not as many rows as announced.
     """
-    lines = _lines_of(block, separator, first_line)
+    lines = _lines_of(block, separator, first_line, len(columns))
     if lines.numbers.size == 0:
         raise FileFormatError(
             "there is no row of numbers",
@@ -171,10 +170,12 @@ def read_numbers(
             expected="a number",
         )
     _warn_of_loss(lost, len(values), expected_rows, path)
-    return NumberTable(values, lines.numbers, lost)
+    rows = lines.block.split(b"\n", _SAMPLE)[:_SAMPLE]
+    sample = tuple(tuple(decoded(row).split(separator)) for row in rows if row)
+    return NumberTable(values, lines.numbers, lost, sample)
 
 
-def _lines_of(block: bytes, separator: str, first_line: int) -> _Lines:
+def _lines_of(block: bytes, separator: str, first_line: int, width: int) -> _Lines:
     terminated = block.endswith(b"\n")
     if not terminated:
         block += b"\n"
@@ -184,9 +185,10 @@ def _lines_of(block: bytes, separator: str, first_line: int) -> _Lines:
     between = np.flatnonzero(characters == ord(separator))
     cells = np.searchsorted(between, ends) - np.searchsorted(between, starts) + 1
     numbers = np.arange(first_line, first_line + len(ends))
-    # Only a line without a separator can be blank: one of separators alone is a row of gaps.
-    suspects = np.flatnonzero((cells == 1) & (ends - starts < 80))
-    blank = [row for row in suspects if not block[starts[row] : ends[row]].strip()]
+    # A line of separators alone is a row of gaps if it has all its cells, and else a blank one.
+    suspects = np.flatnonzero(cells < width)
+    empty = f" {separator}".encode()
+    blank = [row for row in suspects if not block[starts[row] : ends[row]].strip(empty)]
     if blank:
         if blank[-1] == len(ends) - 1:
             terminated = True
@@ -273,7 +275,6 @@ def _parsed_fast(
             keep_default_na=False,
             skip_blank_lines=False,
             quoting=3,
-            float_precision="round_trip",
             low_memory=False,
         )
     except (ValueError, OverflowError):

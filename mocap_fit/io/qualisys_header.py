@@ -173,7 +173,7 @@ def read_header(text: TextFile) -> Header:
             titles, titles_line = _trimmed(cells), text.number
         else:
             first_row = tuple(cells)
-            text.push_back(line)
+            text.push_back()
             break
     header = Header(
         text.path,

@@ -103,6 +103,13 @@ def read(
     """
     with TextFile(path) as text:
         header = read_header(text)
+        if not header.first_row:
+            raise FileFormatError(
+                "the file ends before its first row of numbers",
+                path=text.path,
+                line=max(text.number, 1),
+                advice="Export or copy the recording again.",
+            )
         _check_data_included(header)
         is_6dof = _is_6dof(header, names)
         noun = "body" if is_6dof else "marker"

@@ -115,6 +115,7 @@ class TextFile:
         self.number = 0
         """Number of the line that `line` gave last, from 1."""
         self._waiting: bytes | None = None
+        self._last = b""
         try:
             self._file: BinaryIO = self.path.open("rb")
             head = self._file.read(65536)
@@ -169,6 +170,7 @@ class TextFile:
         if raw is None:
             return None
         self.number += 1
+        self._last = raw
         if len(raw) > LONGEST_LINE:
             raise FileFormatError(
                 "the line is too long",
@@ -181,9 +183,9 @@ class TextFile:
             raise self._damaged(self.number)
         return decoded(raw).rstrip("\r\n")
 
-    def push_back(self, line: str) -> None:
+    def push_back(self) -> None:
         """Give the line that was read last back, to be read again."""
-        self._waiting = line.encode() + b"\n"
+        self._waiting = self._last
         self.number -= 1
 
     def rest(self) -> bytes:

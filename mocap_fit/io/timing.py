@@ -69,13 +69,16 @@ def rate_from_times(
     allowed = max(0.25 / mean, resolution * 1.01)
     even = times[0] + np.arange(len(times)) / mean
     if (np.abs(times - even) > allowed).any():
-        row = int(np.argmax(np.abs(times - even) > allowed))
+        steps = np.diff(times)
+        usual = float(np.median(steps))
+        # Rounded, so that of two equal ones the first is told.
+        row = int(np.argmax(np.round(np.abs(steps - usual), 9)))
         raise FileFormatError(
             "the times are not evenly spaced",
             path=path,
-            line=int(lines[row]),
-            found=f"{times[row]:g} s",
-            expected=f"{even[row]:.6g} s at {mean:.6g} Hz",
+            line=int(lines[row + 1]),
+            found=f"{steps[row]:.6g} s after the frame before",
+            expected=f"{usual:.6g} s",
             advice="Resample the recording, or give its rate (rate=..., in hertz).",
         )
     return float(mean)

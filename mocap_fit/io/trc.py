@@ -174,7 +174,7 @@ def _marker_names(text: TextFile) -> list[str]:
         )
     axes = text.line()
     if axes is not None and not is_title_row(axes.split("\t")):
-        text.push_back(axes)
+        text.push_back()
     return names
 
 
