@@ -93,7 +93,7 @@ class FaceScene:
 
         self.mesh = mesh
         self._marker_radius = marker_radius
-        plotter = pyvista.Plotter(off_screen=True, window_size=list(size), lighting="none")
+        plotter: Any = pyvista.Plotter(off_screen=True, window_size=list(size), lighting="none")
         plotter.set_background(_BACKGROUND, top=_BACKGROUND_TOP)
         # Multi-sampling is slow without a graphics card and missing on some; this is neither.
         plotter.render_window.SetMultiSamples(0)
@@ -106,7 +106,7 @@ class FaceScene:
             light.diffuse_color = colour
             plotter.add_light(light)
         self._plotter = plotter
-        self._surfaces = [_surface(mesh, part) for part in mesh.parts]
+        self._surfaces: list[Any] = [_surface(mesh, part) for part in mesh.parts]
         for part, surface in zip(mesh.parts, self._surfaces, strict=True):
             _add(plotter, surface, part, coloured=mesh.colours is not None)
         self._markers: Any = None
@@ -250,7 +250,7 @@ def _surface(mesh: Mesh, part: Part) -> Any:
 
     vertices = mesh.vertices[part.vertices.start : part.vertices.stop]
     triangles = _own_triangles(mesh, part)
-    surface = pyvista.PolyData.from_regular_faces(vertices, triangles)
+    surface: Any = pyvista.PolyData.from_regular_faces(vertices, triangles.astype(int))
     surface.point_data.active_normals = vertex_normals(vertices, triangles)
     if mesh.colours is not None:
         colours = mesh.colours[part.vertices.start : part.vertices.stop]

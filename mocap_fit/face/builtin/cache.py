@@ -12,8 +12,10 @@ import zipfile
 import zlib
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import mocap_fit
 from mocap_fit.errors import MocapFitError
@@ -84,16 +86,19 @@ def save_mesh(mesh: Mesh, path: Path) -> bool:
         "regions": list(mesh.regions),
         "feature_points": dict(mesh.feature_points),
     }
-    arrays = {f"region_{i}": members for i, members in enumerate(mesh.regions.values())}
+    text = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
+    arrays: dict[str, NDArray[Any]] = {
+        f"region_{i}": members for i, members in enumerate(mesh.regions.values())
+    }
+    arrays |= {"vertices": mesh.vertices, "triangles": mesh.triangles, "about": text}
     if mesh.colours is not None:
         arrays["colours"] = mesh.colours
-    text = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
     temporary: str | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
         with os.fdopen(handle, "wb") as file:
-            np.savez(file, about=text, vertices=mesh.vertices, triangles=mesh.triangles, **arrays)
+            np.savez(file, allow_pickle=False, **arrays)
         os.replace(temporary, path)
     except OSError:
         if temporary is not None:

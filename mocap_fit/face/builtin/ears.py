@@ -101,7 +101,7 @@ def _face_ring(radius: float, base: FloatArray) -> FloatArray:
     points += height[:, None] * np.stack([cosine, zero, sine], axis=1)
     # In front the ear has no rim: it runs out on the cheek.
     on_cheek = base + (1 - 0.90 * radius) * (base.mean(axis=0) - base)
-    share = (front * smoothstep((radius - 0.45) / 0.5))[:, None]
+    share = (front * smoothstep((at - 0.45) / 0.5))[:, None]
     points += share * (on_cheek - points)
     tragus = bump(across, along, (-9.5, -3.5), (2.4, 4.0))
     return np.asarray(points + np.outer(tragus, [2.4, 0.0, -1.6]))

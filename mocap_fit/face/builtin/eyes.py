@@ -149,7 +149,8 @@ def _disc(
     piece = _rings_piece(points, colours)
     # Fibres of the iris.
     fibres = 1 + 0.10 * np.tile(np.cos(13 * around) + np.cos(5 * around + 1), rings)
-    return Piece(piece.vertices, piece.triangles, piece.colours * fibres[:, None])
+    with_fibres = np.clip(piece.colours * fibres[:, None], 0, 1)
+    return Piece(piece.vertices, piece.triangles, with_fibres)
 
 
 def _rings_piece(rings: FloatArray, colours: list[Colour]) -> Piece:

@@ -86,9 +86,8 @@ def nostril_outline() -> FloatArray:
     angle = 2 * np.pi * np.arange(NOSTRIL_POINTS) / NOSTRIL_POINTS
     along, across = _NOSTRIL_AXES[:, None] * np.stack([np.cos(angle), np.sin(angle)])
     cosine, sine = np.cos(_NOSTRIL_TURN), np.sin(_NOSTRIL_TURN)
-    return _NOSTRIL_CENTRE + np.stack(
-        [cosine * along - sine * across, sine * along + cosine * across], axis=1
-    )
+    turned = [cosine * along - sine * across, sine * along + cosine * across]
+    return np.asarray(_NOSTRIL_CENTRE + np.stack(turned, axis=1))
 
 
 def nostril_tunnel(rim: FloatArray) -> list[FloatArray]:

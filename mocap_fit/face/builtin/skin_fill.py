@@ -137,7 +137,7 @@ def _triangulated(points: FloatArray, rings: Sequence[FloatArray]) -> IndexArray
     area = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
     triangles = np.where((area > 0)[:, None], triangles, triangles[:, ::-1])
     triangles = triangles[np.abs(area) > 1e-3]
-    return triangles[_in_region(rings, points[triangles].mean(axis=1))]
+    return np.asarray(triangles[_in_region(rings, points[triangles].mean(axis=1))])
 
 
 def flipped_in_space(vertices: FloatArray, triangles: IndexArray, rounds: int = 8) -> IndexArray:

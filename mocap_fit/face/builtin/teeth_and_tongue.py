@@ -95,14 +95,14 @@ def tongue() -> Piece:
     """
     share = np.linspace(0, 1, TONGUE_ROWS)[:, None]
     angle = 2 * np.pi * np.arange(TONGUE_COLUMNS) / TONGUE_COLUMNS
-    z = front_of_teeth() - 8.0 - _TONGUE_LENGTH * share
-    half_width = 19.5 * (1 - (1 - np.minimum(share / 0.42, 1)) ** 2.2) ** 0.5 * (1 - 0.12 * share)
-    x = (half_width + 1.2) * np.cos(angle)
-    top = -6.0 + 5.0 * np.sin(np.pi * np.minimum(0.9 * share + 0.06, 1))
-    thickness = 7.5 * np.clip(share / 0.18, 0.25, 1)
-    sine = np.sin(angle)
-    y = top + thickness * (np.where(sine > 0, 0.55 * sine, sine) - 0.5)
-    y = y - hill(x, 0, 2.0) * (sine > 0) * np.sin(np.pi * share)
+    z = front_of_teeth() - 10.0 - _TONGUE_LENGTH * share
+    half_width = 19.0 * (1 - (1 - np.minimum(share / 0.42, 1)) ** 2.2) ** 0.5 * (1 - 0.12 * share)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    x = (half_width + 1.2) * cosine
+    middle = -8.5 + 4.5 * np.sin(np.pi * np.minimum(0.85 * share, 1))
+    taper = 0.35 + 0.65 * smoothstep(share / 0.35)
+    y = middle + taper * np.where(sine > 0, 5.5 * sine, 4.5 * sine)
+    y = y - 1.3 * hill(x, 0, 2.5) * (sine > 0) * np.sin(np.pi * share)
     rings = np.stack(np.broadcast_arrays(x, y, z), axis=2)
     beyond = np.array([0.0, 0.0, 1.5])
     tip, root = rings[0].mean(axis=0) + beyond, rings[-1].mean(axis=0) - beyond

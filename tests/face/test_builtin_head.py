@@ -1,0 +1,516 @@
+"""The built-in head: symmetry, closedness, regions, feature points, cache."""
+
+import os
+import stat
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from mocap_fit.errors import ConfigurationError
+from mocap_fit.face.builtin import built_in_head, follow_map, reshape_head
+from mocap_fit.face.builtin.cache import cache_folder, load_mesh, save_mesh
+from mocap_fit.face.mesh import Mesh
+
+PARTS = (
+    "skin",
+    "teeth_upper",
+    "teeth_lower",
+    "gums_upper",
+    "gums_lower",
+    "tongue",
+    "eye_left",
+    "eye_right",
+    "brow_left",
+    "brow_right",
+    "lashes_left",
+    "lashes_right",
+)
+MIDDLE_REGIONS = {
+    "upper_lip",
+    "lower_lip",
+    "upper_lip_skin",
+    "lower_lip_skin",
+    "mouth_bag_upper",
+    "mouth_bag_lower",
+    "chin",
+    "nose",
+    "forehead",
+    "scalp",
+    "neck",
+    "inner_lip_contour",
+    "outer_lip_contour",
+}
+SIDED_REGIONS = {"jaw_{}", "cheek_{}", "brow_{}_skin", "eyelids_{}", "ear_{}"}
+
+
+@pytest.fixture(scope="module")
+def head() -> Mesh:
+    return built_in_head(use_cache=False)
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("MOCAP_FIT_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def part_surface(head: Mesh, name: str) -> tuple[np.ndarray, np.ndarray]:
+    part = head.part(name)
+    return (
+        head.vertices[part.vertices.start : part.vertices.stop],
+        head.triangles[part.triangles.start : part.triangles.stop] - part.vertices.start,
+    )
+
+
+def directed_edges(triangles: np.ndarray) -> np.ndarray:
+    return np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+
+
+def border_loops(triangles: np.ndarray) -> list[set[int]]:
+    """Loops of edges that only one triangle uses."""
+    edges = {tuple(edge) for edge in directed_edges(triangles).tolist()}
+    following = {a: b for a, b in edges if (b, a) not in edges}
+    loops = []
+    while following:
+        first = next(iter(following))
+        loop = [first]
+        while (after := following.pop(loop[-1])) != first:
+            loop.append(after)
+        loops.append(set(loop))
+    return loops
+
+
+def mirror_of(vertices: np.ndarray) -> np.ndarray:
+    """Index of each vertex's mirror image; fails unless there is exactly one."""
+    position = {tuple(vertex): i for i, vertex in enumerate(vertices.tolist())}
+    assert len(position) == len(vertices), "two vertices at one place"
+    mirrored = vertices * [-1, 1, 1] + 0.0
+    return np.array([position[tuple(vertex)] for vertex in mirrored.tolist()])
+
+
+def signed_volume(vertices: np.ndarray, triangles: np.ndarray) -> float:
+    a, b, c = (vertices[triangles[:, i]] for i in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def test_parts_are_the_agreed_ones_in_order(head):
+    assert tuple(part.name for part in head.parts) == PARTS
+    assert head.colours is not None
+    assert head.colours.min() >= 0
+    assert head.colours.max() <= 1
+
+
+def test_skin_is_exactly_mirror_symmetric(head):
+    vertices, triangles = part_surface(head, "skin")
+    mirror = mirror_of(vertices + 0.0)
+    assert (mirror[mirror] == np.arange(len(vertices))).all()
+    turned = np.sort(mirror[triangles][:, ::-1], axis=1)
+    assert {tuple(t) for t in turned.tolist()} == {
+        tuple(t) for t in np.sort(triangles, axis=1).tolist()
+    }
+
+
+@pytest.mark.parametrize("name", ["eye", "brow", "lashes"])
+def test_paired_parts_mirror_each_other(head, name):
+    left, _ = part_surface(head, f"{name}_left")
+    right, _ = part_surface(head, f"{name}_right")
+    apart = np.abs(left * [-1, 1, 1] - right).max(axis=1) > 0
+    # Only the light in the eye is on the same side of both.
+    assert apart.mean() < (0.2 if name == "eye" else 1e-12)
+
+
+def test_skin_is_a_manifold_open_only_at_the_eyes_and_the_neck(head):
+    vertices, triangles = part_surface(head, "skin")
+    edges = directed_edges(triangles)
+    assert len(np.unique(edges, axis=0)) == len(edges), "an edge is used twice in one direction"
+    _, uses = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
+    assert set(uses.tolist()) == {1, 2}
+    middles = sorted(
+        vertices[list(loop)].mean(axis=0).round().tolist() for loop in border_loops(triangles)
+    )
+    assert len(middles) == 3
+    right_eye, neck, left_eye = middles
+    assert neck[1] < -90
+    for eye in (left_eye, right_eye):
+        assert abs(abs(eye[0]) - 31) < 2
+        assert 55 < eye[1] < 70
+    # A sphere with three holes.
+    assert len(vertices) - len(uses) + len(triangles) == 2 - 3
+    assert (np.unique(triangles) == np.arange(len(vertices))).all(), "a vertex is unused"
+
+
+@pytest.mark.parametrize("name", ["teeth_upper", "teeth_lower", "tongue"])
+def test_teeth_and_tongue_are_closed_and_face_outwards(head, name):
+    vertices, triangles = part_surface(head, name)
+    edges = directed_edges(triangles)
+    assert {tuple(e) for e in edges.tolist()} == {tuple(e) for e in edges[:, ::-1].tolist()}
+    assert signed_volume(vertices - vertices.mean(axis=0), triangles) > 100
+
+
+def test_triangles_face_outwards_and_have_area(head):
+    vertices, triangles = part_surface(head, "skin")
+    # The skin without its three openings encloses about four litres.
+    assert 2.5e6 < signed_volume(vertices, triangles) < 5e6
+    corners = head.vertices[head.triangles]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert 0.5 * np.linalg.norm(across, axis=1).min() > 1e-3
+
+
+def test_no_triangle_of_the_face_is_flipped(head):
+    """Away from what folds by nature, neighbours never face opposite ways."""
+    vertices, triangles = part_surface(head, "skin")
+    folding = np.zeros(len(vertices), dtype=bool)
+    for name in ("upper_lip", "lower_lip", "mouth_bag_upper", "mouth_bag_lower"):
+        folding[head.region(name)] = True
+    for side in ("left", "right"):
+        folding[head.region(f"ear_{side}")] = folding[head.region(f"eyelids_{side}")] = True
+    corners = vertices[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    edges = np.sort(directed_edges(triangles), axis=1)
+    owner = np.tile(np.arange(len(triangles)), 3)
+    order = np.lexsort(edges.T)
+    same = np.flatnonzero((edges[order][1:] == edges[order][:-1]).all(axis=1))
+    first, second = owner[order[same]], owner[order[same + 1]]
+    smooth = ~(folding[triangles[first]].any(axis=1) | folding[triangles[second]].any(axis=1))
+    agreement = (normals[first] * normals[second]).sum(axis=1)[smooth]
+    assert agreement.min() > -0.3
+    assert np.quantile(agreement, 0.01) > 0.7
+
+
+def test_eyes_face_forwards(head):
+    for name in ("eye_left", "eye_right", "brow_left", "brow_right"):
+        vertices, triangles = part_surface(head, name)
+        a, b, c = (vertices[triangles[:, i]] for i in range(3))
+        assert np.cross(b - a, c - a)[:, 2].min() > -1e-9, name
+
+
+def test_lips_meet_at_rest(head):
+    upper, lower = (head.vertices[head.feature_point(name)] for name in ("2.2", "2.3"))
+    assert np.linalg.norm(upper - lower) < 0.3
+    contour = head.vertices[head.region("inner_lip_contour")]
+    above = contour[contour[:, 1] >= np.median(contour[:, 1])]
+    for vertex in above:
+        nearest = np.sort(np.linalg.norm(contour - vertex, axis=1))[1]
+        assert nearest < 2.5
+
+
+def test_teeth_and_tongue_are_inside_the_lips(head):
+    lips = head.vertices[head.region("inner_lip_contour")]
+    for name in ("teeth_upper", "teeth_lower", "gums_upper", "gums_lower", "tongue"):
+        vertices, _ = part_surface(head, name)
+        assert vertices[:, 2].max() < lips[:, 2].max() - 4, name
+
+
+def test_tongue_rests_behind_the_lower_teeth(head):
+    tongue, _ = part_surface(head, "tongue")
+    teeth, _ = part_surface(head, "teeth_lower")
+    front_teeth = teeth[np.abs(teeth[:, 0]) < 4]
+    assert tongue[:, 2].max() < front_teeth[:, 2].min() + 0.5
+
+
+def test_regions_cover_the_skin(head):
+    names = set(head.regions)
+    sided = {name.format(side) for name in SIDED_REGIONS for side in ("left", "right")}
+    assert names == MIDDLE_REGIONS | sided
+    covered = np.zeros(len(head.part("skin").vertices), dtype=bool)
+    for name in names:
+        members = head.region(name)
+        assert len(members) > 5, name
+        covered[members] = True
+    assert covered.all()
+
+
+def test_regions_are_on_their_side(head):
+    for name in SIDED_REGIONS:
+        left = head.vertices[head.region(name.format("left"))]
+        right = head.vertices[head.region(name.format("right"))]
+        assert left[:, 0].min() > 0
+        assert right[:, 0].max() < 0
+        assert len(left) == len(right)
+
+
+def test_lip_regions_share_only_their_corners(head):
+    shared = np.intersect1d(head.region("upper_lip"), head.region("lower_lip"))
+    assert {head.feature_point(name) for name in ("2.4", "2.5", "8.3", "8.4")} <= set(
+        shared.tolist()
+    )
+    assert np.abs(head.vertices[shared, 0]).min() > 20
+    bag = np.intersect1d(head.region("mouth_bag_upper"), head.region("mouth_bag_lower"))
+    deepest = head.region("mouth_bag_lower")
+    deepest = deepest[head.vertices[deepest, 2].argmin()]
+    assert deepest in bag
+    assert head.vertices[deepest, 0] == 0
+
+
+def test_regions_lie_where_their_names_say(head):
+    def middle(name):
+        return head.vertices[head.region(name)].mean(axis=0)
+
+    down = ["forehead", "brow_left_skin", "eyelids_left", "nose", "upper_lip_skin", "upper_lip"]
+    down += ["lower_lip", "lower_lip_skin", "chin", "neck"]
+    heights = [middle(name)[1] for name in down]
+    assert heights == sorted(heights, reverse=True)
+    assert middle("scalp")[2] < middle("ear_left")[2] < middle("cheek_left")[2]
+    assert middle("jaw_left")[1] < middle("cheek_left")[1]
+
+
+LEFT_RIGHT = [
+    ("2.4", "2.5"),
+    ("2.6", "2.7"),
+    ("2.8", "2.9"),
+    ("2.11", "2.12"),
+    ("2.13", "2.14"),
+    ("3.1", "3.2"),
+    ("3.3", "3.4"),
+    ("3.5", "3.6"),
+    ("3.7", "3.12"),
+    ("3.9", "3.10"),
+    ("3.11", "3.8"),
+    ("3.13", "3.14"),
+    ("4.1", "4.2"),
+    ("4.3", "4.4"),
+    ("4.5", "4.6"),
+    ("5.1", "5.2"),
+    ("5.3", "5.4"),
+    ("6.3", "6.4"),
+    ("8.3", "8.4"),
+    ("8.5", "8.6"),
+    ("8.7", "8.8"),
+    ("8.9", "8.10"),
+    ("9.1", "9.2"),
+    ("9.5", "9.4"),
+    ("9.7", "9.6"),
+    ("9.13", "9.14"),
+    ("10.1", "10.2"),
+    ("10.3", "10.4"),
+    ("10.5", "10.6"),
+    ("10.7", "10.8"),
+    ("10.9", "10.10"),
+    ("11.3", "11.2"),
+]
+IN_THE_MIDDLE = ["2.1", "2.2", "2.3", "2.10", "6.1", "6.2", "8.1", "8.2"]
+IN_THE_MIDDLE += ["9.3", "9.12", "9.15", "11.1", "11.4", "11.6"]
+
+
+@pytest.mark.parametrize(("left", "right"), LEFT_RIGHT)
+def test_left_and_right_feature_points_mirror_each_other(head, left, right):
+    left_place, right_place = (head.vertices[head.feature_point(name)] for name in (left, right))
+    assert left_place[0] > 1
+    np.testing.assert_allclose(left_place * [-1, 1, 1], right_place, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", IN_THE_MIDDLE)
+def test_middle_feature_points_are_in_the_middle(head, name):
+    assert abs(head.vertices[head.feature_point(name), 0]) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("name", "region"),
+    [
+        ("2.1", "chin"),
+        ("2.2", "upper_lip"),
+        ("2.2", "inner_lip_contour"),
+        ("2.3", "lower_lip"),
+        ("2.6", "upper_lip"),
+        ("2.8", "lower_lip"),
+        ("2.10", "chin"),
+        ("2.11", "chin"),
+        ("2.13", "jaw_left"),
+        ("3.1", "eyelids_left"),
+        ("3.12", "eyelids_right"),
+        ("4.3", "brow_left_skin"),
+        ("4.2", "brow_right_skin"),
+        ("5.1", "cheek_left"),
+        ("5.4", "cheek_right"),
+        ("6.1", "tongue"),
+        ("8.1", "outer_lip_contour"),
+        ("8.1", "upper_lip"),
+        ("8.2", "lower_lip"),
+        ("8.9", "upper_lip"),
+        ("9.3", "nose"),
+        ("9.1", "nose"),
+        ("9.8", "teeth_upper"),
+        ("9.11", "teeth_lower"),
+        ("10.1", "ear_left"),
+        ("10.6", "ear_right"),
+        ("11.4", "scalp"),
+    ],
+)
+def test_feature_points_are_in_their_regions(head, name, region):
+    assert head.feature_point(name) in head.region(region)
+
+
+def test_proportions_are_human(head):
+    def height(name):
+        return head.vertices[head.feature_point(name), 1]
+
+    chin, crown = height("2.1"), height("11.4")
+    eyes, nose, mouth, brows = (height(n) for n in ("3.5", "9.15", "2.2", "4.3"))
+    assert eyes == pytest.approx((chin + crown) / 2, abs=5)
+    assert nose == pytest.approx((chin + brows) / 2, abs=6)
+    assert (nose - mouth) / (nose - chin) == pytest.approx(1 / 3, abs=0.08)
+    between_pupils = 2 * head.vertices[head.feature_point("3.5"), 0]
+    assert (eyes - mouth) / between_pupils < 1.1
+
+
+def test_followers_are_near_their_skin(head):
+    followers, skin = follow_map(head)
+    names = ("brow_left", "brow_right", "lashes_left", "lashes_right")
+    expected = np.concatenate([head.region(name) for name in names])
+    np.testing.assert_array_equal(followers, expected)
+    assert (skin < head.part("skin").vertices.stop).all()
+    distance = np.linalg.norm(head.vertices[followers] - head.vertices[skin], axis=1)
+    assert distance.max() < 6
+
+
+def assert_same(one: Mesh, other: Mesh) -> None:
+    assert one.vertices.tobytes() == other.vertices.tobytes()
+    assert one.triangles.tobytes() == other.triangles.tobytes()
+    assert one.colours.tobytes() == other.colours.tobytes()
+    assert one.parts == other.parts
+    assert dict(one.feature_points) == dict(other.feature_points)
+    assert list(one.regions) == list(other.regions)
+    for name in one.regions:
+        np.testing.assert_array_equal(one.regions[name], other.regions[name])
+
+
+def test_cached_head_is_the_built_head(head, cache):
+    first = built_in_head()
+    kept = list(cache.iterdir())
+    assert len(kept) == 1
+    assert kept[0].suffix == ".npz"
+    second = built_in_head()
+    assert_same(first, head)
+    assert_same(second, head)
+
+
+def test_the_cache_is_really_read(head, cache):
+    built_in_head()
+    (path,) = cache.iterdir()
+    marked = head.with_vertices(head.vertices + 1.0)
+    assert save_mesh(marked, path)
+    assert built_in_head().vertices.tobytes() == marked.vertices.tobytes()
+
+
+def test_loading_from_the_cache_imports_no_scipy(cache):
+    code = (
+        "import sys; from mocap_fit.face.builtin import built_in_head; built_in_head();"
+        "print('scipy.spatial' in sys.modules)"
+    )
+    answers = [
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        for _ in range(2)
+    ]
+    assert [answer.stdout.strip() for answer in answers] == ["True", "False"]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda data: b"",
+        lambda data: b"not an archive",
+        lambda data: data[: len(data) // 2],
+        lambda data: data[:3000] + b"\xff" * 500 + data[3500:],
+    ],
+    ids=["empty", "text", "cut off", "overwritten"],
+)
+def test_a_damaged_cache_is_rebuilt(head, cache, damage):
+    built_in_head()
+    (path,) = cache.iterdir()
+    good = path.read_bytes()
+    path.write_bytes(damage(good))
+    assert load_mesh(path) is None
+    assert_same(built_in_head(), head)
+    assert path.read_bytes() == good
+
+
+@pytest.mark.skipif(os.name == "nt", reason="permissions work otherwise on Windows")
+def test_a_folder_that_cannot_be_written_is_no_obstacle(head, tmp_path, monkeypatch):
+    blocked = tmp_path / "file"
+    blocked.write_text("a file where the folder should be")
+    blocked.chmod(stat.S_IRUSR)
+    monkeypatch.setenv("MOCAP_FIT_CACHE", str(blocked))
+    assert_same(built_in_head(), head)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
+
+
+def test_cache_folder_follows_the_platform(monkeypatch):
+    monkeypatch.delenv("MOCAP_FIT_CACHE", raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
+    assert cache_folder().as_posix() == "/somewhere/mocap-fit"
+    monkeypatch.setattr(sys, "platform", "darwin")
+    assert cache_folder().as_posix().endswith("Library/Caches/mocap-fit")
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setenv("LOCALAPPDATA", "/local")
+    assert cache_folder().as_posix() == "/local/mocap-fit/Cache"
+
+
+class TestReshape:
+    def test_nothing_changes_by_default(self, head):
+        np.testing.assert_allclose(reshape_head(head).vertices, head.vertices, atol=1e-12)
+
+    def test_size_scales_everything(self, head):
+        np.testing.assert_allclose(
+            reshape_head(head, size=0.9).vertices, 0.9 * head.vertices, atol=1e-12
+        )
+
+    def test_width_height_depth_scale_one_axis_each(self, head):
+        reshaped = reshape_head(head, width=1.1, height=0.9, depth=1.2)
+        np.testing.assert_allclose(reshaped.vertices, head.vertices * [1.1, 0.9, 1.2], atol=1e-12)
+
+    def test_lower_face_moves_only_what_is_below_the_nose(self, head):
+        longer = reshape_head(head, lower_face=1.2)
+        moved = longer.vertices - head.vertices
+        base = head.vertices[head.feature_point("9.15"), 1]
+        above = head.vertices[:, 1] >= base
+        assert (moved[above] == 0).all()
+        assert (moved[:, [0, 2]] == 0).all()
+        assert (moved[~above, 1] < 0).all()
+        chin, nose = (head.feature_point(name) for name in ("2.1", "9.15"))
+
+        def length(mesh):
+            return mesh.vertices[nose, 1] - mesh.vertices[chin, 1]
+
+        assert 1.1 < length(longer) / length(head) < 1.2
+
+    def test_mouth_width_widens_the_mouth(self, head):
+        wider = reshape_head(head, mouth_width=1.2)
+        corner, ear = head.feature_point("8.3"), head.feature_point("10.3")
+        growth = wider.vertices[corner, 0] / head.vertices[corner, 0]
+        assert 1.12 < growth < 1.2
+        assert wider.vertices[ear, 0] / head.vertices[ear, 0] < 1.005
+        assert (wider.vertices[:, 1:] == head.vertices[:, 1:]).all()
+
+    def test_lips_stay_closed_and_the_skin_symmetric_and_unfolded(self, head):
+        other = reshape_head(
+            head, width=1.05, height=0.95, depth=1.03, lower_face=1.15, mouth_width=0.85, size=1.05
+        )
+        upper, lower = (other.vertices[other.feature_point(name)] for name in ("2.2", "2.3"))
+        assert np.linalg.norm(upper - lower) < 0.3
+        vertices, triangles = part_surface(other, "skin")
+        mirror_of(vertices + 0.0)
+        before, _ = part_surface(head, "skin")
+
+        def normals(points):
+            a, b, c = (points[triangles[:, i]] for i in range(3))
+            across = np.cross(b - a, c - a)
+            return across / np.linalg.norm(across, axis=1, keepdims=True)
+
+        assert (normals(vertices) * normals(before)).sum(axis=1).min() > 0.5
+        assert other.parts == head.parts
+        assert other.feature_points == head.feature_points
+
+    @pytest.mark.parametrize("factor", [0, -1, 0.3, 3, np.nan, np.inf])
+    @pytest.mark.parametrize("name", ["width", "lower_face", "mouth_width", "size"])
+    def test_impossible_factors_are_refused(self, head, name, factor):
+        with pytest.raises(ConfigurationError, match=name):
+            reshape_head(head, **{name: factor})
+
+    def test_a_mesh_without_feature_points_is_refused(self):
+        bare = Mesh(np.eye(3), np.array([[0, 1, 2]]))
+        with pytest.raises(ConfigurationError, match=r"8\.3"):
+            reshape_head(bare)
