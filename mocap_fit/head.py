@@ -320,7 +320,7 @@ def estimate_head_motion(
             "reference markers are not where the reference pose has them and are left out: "
             + ", ".join(moved),
             MocapFitWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
     arguments: dict[str, object] = {"reference_markers": list(chosen)}
     if given:

@@ -22,6 +22,9 @@ from mocap_fit.tracks.types import FloatArray
 FALSE_ALARM = 1e-4
 #: Noise is never taken to be smaller than this, in millimetres: files hold three decimals.
 LEAST_NOISE = 1e-3
+# A real set is never quite the shape of its reference pose; a point is bad that is worse than
+# chance by this factor (in squares), and bad without regard to other frames by the second one.
+_SUSPICIOUS, _OBVIOUS = 2.0, 8.0
 # The better of two explanations must be a hundred times more likely than the other.
 _CLEAR_DIFFERENCE = 2.0 * np.log(100.0)
 # Frames that are looked at to learn the noise.
@@ -175,8 +178,8 @@ def _judge(
     weights: FloatArray,
     variance: float,
     noise_freedom: float,
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which points are bad, `(frames, points)`, and in which frames that is known, `(frames,)`.
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which points are bad, `(frames, points)`, where that is known, and obvious, `(frames,)`.
 
     All frames show all the points given. The fewest points whose absence explains the frame are
     left out, at most two; where two explanations are about as good, nothing is decided.
@@ -189,7 +192,8 @@ def _judge(
         _point_residuals(source, target, rotations, translations)
     )
     limit = variance * _limit(3, noise_freedom, count)
-    suspicious = np.flatnonzero(gains.max(axis=1) > limit)
+    obvious = gains.max(axis=1) > _OBVIOUS * limit
+    suspicious = np.flatnonzero(gains.max(axis=1) > _SUSPICIOUS * limit)
     whole = residuals[suspicious] ** 2 * weights.sum() / (3 * count - 6)
     open_frames = np.ones(len(suspicious), dtype=bool)
     for size in range(1, min(2, count - 3) + 1):
@@ -218,15 +222,19 @@ def _judge(
         known[suspicious[part[explains & ~clear]]] = False
         open_frames[part[explains]] = False
     known[suspicious[open_frames]] = False
-    return bad, known
+    return bad, known, obvious
 
 
 def _with_neighbours(
-    bad: NDArray[np.bool_], known: NDArray[np.bool_], seen: NDArray[np.bool_]
+    bad: NDArray[np.bool_],
+    known: NDArray[np.bool_],
+    obvious: NDArray[np.bool_],
+    seen: NDArray[np.bool_],
 ) -> NDArray[np.bool_]:
-    """Add the points that are bad in most of the known frames nearby, `(frames, points)`.
+    """Points that are bad in most of the known frames nearby, or obviously, `(frames, points)`.
 
-    A marker that slipped stays bad for a while, also in the frames that cannot tell.
+    A marker that slipped stays bad for a while, also in the frames that cannot tell. One that is
+    now just above the limit and now just below must not make the pose jump to and fro.
     """
     where = np.flatnonzero(known)
     if not len(where) or not bad.any():
@@ -236,7 +244,7 @@ def _with_neighbours(
     first = np.clip(place - _NEARBY, 0, len(where))
     last = np.clip(place + _NEARBY + known, 0, len(where))
     most = 2 * (sums[last] - sums[first]) > (last - first)[:, None]
-    return np.asarray(bad | (most & seen))
+    return np.asarray((bad & obvious[:, None]) | (most & seen))
 
 
 def _remaining_noise(residuals: FloatArray, weights: FloatArray) -> float:
@@ -277,11 +285,11 @@ def robust_rigid_transforms(
 
     Notes
     -----
-    A point is left out of a frame when (1) the squares fall by more, without it, than noise of
-    the recording's own size would do in one clean frame of 10 000; (2) the other points then
-    agree; (3) no other point explains the frame about as well. A point that is bad in most of the
-    frames nearby that can tell is bad in this frame too: with three points in view, nothing could
-    be found out otherwise.
+    A point is suspected in a frame when (1) without it the squares fall by twice of what noise of
+    the recording's own size does in one clean frame of 10 000; (2) the other points then agree;
+    (3) no other point explains the frame about as well. It is left out where it is suspected in
+    most of the frames nearby that can tell (with three points in view, nothing could be found out
+    otherwise), and in single frames where the case is obvious.
     """
     points = np.asarray(source, dtype=np.float64)
     goals = np.asarray(target, dtype=np.float64)
@@ -296,7 +304,7 @@ def robust_rigid_transforms(
     bad = np.zeros(seen.shape, dtype=bool)
     known = seen.sum(axis=1) >= 4
     known &= ~np.isnan(residuals)
-    variance = np.nan
+    obvious = np.zeros(len(goals), dtype=bool)
     if known.any():
         patterns, number = np.unique(seen[known], axis=0, return_inverse=True)
         number = number.reshape(-1)
@@ -309,12 +317,12 @@ def robust_rigid_transforms(
         if np.isfinite(variance):
             for index, pattern in enumerate(patterns):
                 chosen, part = np.flatnonzero(pattern), frames[number == index]
-                found, sure = _judge(
+                found, sure, clear = _judge(
                     points[chosen], goals[np.ix_(part, chosen)], base[chosen], variance, freedom
                 )
                 bad[np.ix_(part, chosen)] = found
-                known[part] = sure
-            bad = _with_neighbours(bad, known, seen)
+                known[part], obvious[part] = sure, clear
+            bad = _with_neighbours(bad, known, obvious, seen)
     weight = np.where(seen & ~bad, base, 0.0)
     again = np.flatnonzero(bad.any(axis=1))
     if len(again):
