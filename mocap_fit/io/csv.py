@@ -207,14 +207,14 @@ def _titles(lines: list[str]) -> _Titles:
     """
     separator = max(_SEPARATORS, key=lambda mark: len(_cells(lines[0], mark)))
     first = _cells(lines[0], separator)
+    second = _cells(lines[1], separator) if len(lines) > 1 else []
+    axes = [_without_unit(cell)[0].lower() for cell in second]
+    if sum(axis in ("x", "y", "z") for axis in axes) >= 3:
+        return _two_rows(separator, first, second)
     if len(first) < 3:
         raise _TitleError("the first row is not one of column titles", lines[0][:60], _EXAMPLE)
     if all(is_missing(cell) or number(cell) is not None for cell in first):
         raise _TitleError("the first row holds numbers, not column titles", first[0], _EXAMPLE)
-    second = _cells(lines[1], separator) if len(lines) > 1 else []
-    axes = [cell.lower() for cell in second if cell.lower() in ("x", "y", "z")]
-    if len(axes) >= 3:
-        return _two_rows(separator, first, second)
     return _one_row(separator, first)
 
 
