@@ -16,13 +16,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from mocap_fit.errors import DataError, MocapFitWarning
 from mocap_fit.tracks import FloatArray, MarkerTracks, Origin, PoseTracks
-from mocap_fit.tracks.rigid import refusal
+from mocap_fit.tracks.rigid import refusal, spread
 from mocap_fit.tracks.rigid_sets import find_reference_markers as find_reference_markers
 from mocap_fit.tracks.rigid_sets import mean_shape
 from mocap_fit.tracks.robust import pose_information, robust_rigid_transforms
 
 # Reference and recording must agree in size within this factor, or a unit is wrong.
 _LARGEST_RATIO = 2.0
+# A residual above this part of the set's length means another shape, not noise.
+_LARGEST_RESIDUAL = 0.1
 # Frames that are looked at to compare sizes.
 _SAMPLE = 1000
 
@@ -270,7 +272,8 @@ def estimate_head_motion(
     Warns
     -----
     MocapFitWarning
-        If markers are left out throughout, or were found and not named.
+        If markers are left out throughout, or were found and not named, or if they do not have
+        the shape of the reference pose.
     """
     chosen, shape = _chosen_reference(recording, reference, names)
     reason = refusal(shape)
@@ -319,6 +322,15 @@ def estimate_head_motion(
         warnings.warn(
             "reference markers are not where the reference pose has them and are left out: "
             + ", ".join(moved),
+            MocapFitWarning,
+            stacklevel=3,
+        )
+    residual, length = float(np.nanmedian(fit.residuals)), float(spread(shape)[0])
+    if residual > _LARGEST_RESIDUAL * length:
+        warnings.warn(
+            f"the reference markers {', '.join(chosen)} do not keep the shape of the reference "
+            f"pose (median residual {residual:.3g} mm in a set {length:.3g} mm long, root mean "
+            "square); markers may be exchanged, or an axis mirrored",
             MocapFitWarning,
             stacklevel=3,
         )

@@ -381,6 +381,25 @@ def test_impossible_calls_are_refused(rng, names, weights, words):
         estimate_head_motion(recording, reference, names, weights)
 
 
+def test_a_mirrored_recording_is_noticed(rng):
+    shape = np.array([[60.0, 5, 0], [-55, 10, 8], [20, 50, 35], [-15, -30, 45], [10, 20, -60]])
+    recording = MarkerTracks(HEAD, RATE, shape + 0.1 * rng.normal(size=(30, 5, 3)))
+    mirrored = recording.replace(positions=recording.positions * [1, 1, -1])
+    with pytest.warns(MocapFitWarning, match=r"do not keep the shape.*mirrored"):
+        estimate_head_motion(mirrored, shape, HEAD)
+    # Spectacles are almost flat, and the mirrored frame fits without the bridge.
+    recording, reference, _, _ = moving_head(rng, frames=30)
+    mirrored = recording.replace(positions=recording.positions * [1, 1, -1])
+    with pytest.warns(MocapFitWarning, match="left out: bridge"):
+        estimate_head_motion(mirrored, reference, HEAD)
+
+
+def test_one_frame_is_enough_for_a_pose(rng):
+    recording, reference, turns, shifts = moving_head(rng, frames=1)
+    motion = estimate_head_motion(recording, reference, HEAD)
+    assert pose_errors(motion, turns, shifts)[0] < 0.5
+
+
 def test_a_reference_of_the_wrong_shape_is_refused(rng):
     recording, reference, _, _ = moving_head(rng, frames=30)
     with pytest.raises(DataError, match="wrong shape"):
