@@ -285,7 +285,9 @@ def estimate_head_motion(
             advice="Use markers that are further apart.",
         )
     given = dict(weights or {})
-    unknown = [name for name in given if name not in chosen and name not in recording.names]
+    # A weight of a marker that was asked for and is not there does no harm.
+    known = {*recording.names, *chosen, *(names or ())}
+    unknown = [name for name in given if name not in known]
     if unknown:
         raise DataError("a weight is given for an unknown marker", found=", ".join(unknown))
     base = np.array([given.get(name, 1.0) for name in chosen])

@@ -246,6 +246,15 @@ def test_weights_follow_the_noise_of_each_marker(rng):
     assert weighted.pose.provenance[-1].arguments["weights"]["bridge"] == 1 / 64
 
 
+def test_a_layout_may_name_a_reference_marker_that_the_recording_lacks(rng):
+    recording, reference, _, _ = moving_head(rng, frames=50)
+    part = recording.select(recording.names[1:])
+    with pytest.warns(MocapFitWarning, match="left out: temple_left"):
+        motion = estimate_head_motion(part, reference, HEAD, dict.fromkeys(HEAD, 2.0))
+    assert motion.reference_names == HEAD[1:]
+    assert (motion.weights == 2.0).all()
+
+
 def test_the_reference_is_the_median_of_its_frames(rng):
     recording, reference, _, _ = moving_head(rng, frames=50, noise=0.0)
     repeated = np.repeat(reference.positions, 9, axis=0)
