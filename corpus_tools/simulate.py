@@ -120,6 +120,13 @@ class Session:
         The speaker's face: the built-in head, or one of its other proportions.
     conditions
         What the session is like.
+
+    Attributes
+    ----------
+    still
+        One frame of all markers at rest, in head coordinates, without noise.
+    binding
+        The virtual markers that make the recordings.
     """
 
     def __init__(self, layout: Layout, face: Rig, conditions: Conditions) -> None:
@@ -127,15 +134,15 @@ class Session:
         self.face = face
         self.conditions = conditions
         places = marker_places(layout, face.mesh)
-        self._still = MarkerTracks(
+        self.still = MarkerTracks(
             tuple(places), conditions.rate, np.array(list(places.values()))[None]
         )
-        self.binding: Binding = bind_markers(face, layout, self._still, Orientation())
+        self.binding: Binding = bind_markers(face, layout, self.still, Orientation())
 
     def reference(self, rng: np.random.Generator) -> MarkerTracks:
         """Record the reference pose: face and head at rest."""
         frames = max(1, round(self.conditions.reference_duration * self.conditions.rate))
-        still = np.repeat(self._still.positions, frames, axis=0)
+        still = np.repeat(self.still.positions, frames, axis=0)
         pose = PoseTracks(
             ("head",),
             self.conditions.rate,
@@ -186,7 +193,7 @@ class Session:
             axis=1,
         )
         order = [
-            (*self.binding.names, *self.binding.head_names).index(n) for n in self._still.names
+            (*self.binding.names, *self.binding.head_names).index(n) for n in self.still.names
         ]
         recording = self._seen(
             markers[:, order], pose, rng, drop_outs=conditions.drop_outs, name=name
@@ -209,7 +216,7 @@ class Session:
         moved = moved + _PLACE + rng.normal(0.0, self.conditions.noise or 0.0, moved.shape)
         lost = _drop_outs(rng, moved.shape[0], moved.shape[1], drop_outs)
         return MarkerTracks(
-            self._still.names,
+            self.still.names,
             self.conditions.rate,
             np.where(lost[:, :, None], np.nan, moved),
             name=name,

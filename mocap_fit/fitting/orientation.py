@@ -192,6 +192,10 @@ def orient_points(
 
     optimiser = nlopt.opt(nlopt.LD_SLSQP, 7)
     optimiser.set_min_objective(cost)
+    # Without bounds nlopt's SLSQP has been seen to step to numbers that it never set.
+    limits = np.array([3.0] * 3 + [np.pi] * 3 + [1.0])
+    optimiser.set_lower_bounds(-limits)
+    optimiser.set_upper_bounds(limits)
     optimiser.set_xtol_abs(1e-12)
     optimiser.set_ftol_rel(1e-14)
     optimiser.set_maxeval(500)

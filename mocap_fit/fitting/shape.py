@@ -156,7 +156,7 @@ def fit_shape(
     DataError
         If the recording lacks a marker of the layout, or no frame can be fitted.
     ConfigurationError
-        If the objective or the solver is unknown.
+        If the objective or the solver is unknown, or a setting is not possible.
 
     Notes
     -----
@@ -171,6 +171,14 @@ def fit_shape(
     if solver not in SOLVERS:
         raise ConfigurationError(
             "the solver is unknown", found=solver, expected=f"one of {', '.join(SOLVERS)}"
+        )
+    if not (np.isfinite(huber_threshold) and huber_threshold > 0):
+        raise ConfigurationError(
+            "Huber's threshold is not possible", found=huber_threshold, expected="above 0"
+        )
+    if maximum_evaluations < 1:
+        raise ConfigurationError(
+            "the number of evaluations is not possible", found=maximum_evaluations, expected="1 up"
         )
     missing = [name for name in binding.names if name not in recording.names]
     if missing:
