@@ -366,7 +366,7 @@ def write_parquet(
     target = Path(path)
     partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
     try:
-        pq.write_table(table, partial, compression="zstd")
+        pq.write_table(table, partial, compression="zstd", write_page_checksum=True)
         os.replace(partial, target)
     except OSError as error:
         raise FileFormatError(
@@ -415,7 +415,7 @@ def read_parquet(path: str | os.PathLike[str]) -> Tracks:
 
     try:
         with open(path, "rb") as stream:
-            table = pq.read_table(stream)
+            table = pq.read_table(stream, page_checksum_verification=True)
     except pa.ArrowException as error:
         raise FileFormatError(
             "this is not a whole Parquet file",
