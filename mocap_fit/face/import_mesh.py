@@ -1,15 +1,16 @@
 """Meshes of one's own: read from common 3-D formats, checked, and brought to the head frame.
 
-OBJ is read here, so that vertex numbers in a rig file are those of the OBJ file wherever its
-objects keep their order; PLY, STL, VTP and what else pyvista reads go through pyvista; glTF, GLB
-and OFF through trimesh (the extra ``mesh``).
+OBJ and PLY are read by mocap-fit itself, so that vertex numbers in a rig file are those of the mesh
+file; STL, VTP and VTK through pyvista; glTF, GLB and OFF through trimesh (the extra ``mesh``).
 """
 
 from __future__ import annotations
 
+import contextlib
+import logging
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,14 +22,15 @@ from mocap_fit.errors import (
     DataError,
     FileFormatError,
     MissingExtraError,
-    MocapFitError,
     MocapFitWarning,
 )
 from mocap_fit.face.mesh import IndexArray, Mesh, Part
 from mocap_fit.face.obj_file import read_obj
+from mocap_fit.face.ply_file import read_ply
 from mocap_fit.tracks import FloatArray
 
-WITH_PYVISTA = (".ply", ".stl", ".vtp", ".vtk", ".vtu", ".vtm", ".wrl")
+OWN = (".obj", ".ply")
+WITH_PYVISTA = (".stl", ".vtp", ".vtk", ".vtu", ".vtm", ".wrl")
 WITH_TRIMESH = (".glb", ".gltf", ".off")
 # A head, or a mask of its front, is this tall or wide (mm).
 _SMALLEST, _LARGEST, _USUAL = 80.0, 600.0, 250.0
@@ -104,12 +106,12 @@ def read_mesh(path: str | os.PathLike[str], *, scale: float = 1.0, axes: str | N
 
 def _read_pieces(path: Path) -> list[Piece]:
     kind = path.suffix.lower()
-    if kind not in (".obj", *WITH_PYVISTA, *WITH_TRIMESH):
+    if kind not in (*OWN, *WITH_PYVISTA, *WITH_TRIMESH):
         raise FileFormatError(
             "this is not a mesh format that can be read",
             path=path,
             found=kind or "no file name ending",
-            expected=", ".join((".obj", *WITH_PYVISTA, *WITH_TRIMESH)),
+            expected=", ".join((*OWN, *WITH_PYVISTA, *WITH_TRIMESH)),
         )
     if not path.is_file():
         raise FileFormatError("there is no such file", path=path)
@@ -125,6 +127,8 @@ def _read_pieces(path: Path) -> list[Piece]:
         raise FileFormatError("the file is empty", path=path)
     if kind == ".obj":
         return [Piece(*parts) for parts in read_obj(path)]
+    if kind == ".ply":
+        return [Piece(path.stem, *read_ply(path))]
     return _with_trimesh(path) if kind in WITH_TRIMESH else _with_pyvista(path)
 
 
@@ -132,8 +136,7 @@ def _with_pyvista(path: Path) -> list[Piece]:
     import pyvista
 
     try:
-        # VTK writes what goes wrong to the terminal and goes on; the checks below say it better.
-        with pyvista.vtk_verbosity("off"):
+        with _quiet_vtk():
             found = pyvista.read(path)
             blocks = _blocks(found, path.stem)
             pieces = []
@@ -143,11 +146,26 @@ def _with_pyvista(path: Path) -> list[Piece]:
                 points = np.asarray(surface.points, dtype=np.float64)
                 triangles = np.asarray(surface.regular_faces if surface.n_cells else [])
                 pieces.append(Piece(name, points, triangles.reshape(-1, 3).astype(np.int64)))
-    except MocapFitError:
-        raise
+    except UserWarning:
+        raise _unreadable(path, "VTK could not read it") from None
     except Exception as error:
         raise _unreadable(path, error) from None
     return pieces
+
+
+@contextlib.contextmanager
+def _quiet_vtk() -> Iterator[None]:
+    """Make VTK's troubles an exception; else it writes them to the terminal and goes on."""
+    import pyvista
+
+    logged = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        with pyvista.vtk_verbosity("off"), warnings.catch_warnings():
+            warnings.simplefilter("error", UserWarning)
+            yield
+    finally:
+        logging.disable(logged)
 
 
 def _blocks(found: Any, name: str) -> list[tuple[str, Any]]:
@@ -190,11 +208,11 @@ def _with_trimesh(path: Path) -> list[Piece]:
     return pieces
 
 
-def _unreadable(path: Path, error: Exception) -> FileFormatError:
+def _unreadable(path: Path, error: Exception | str) -> FileFormatError:
     return FileFormatError(
         f"the file cannot be read as {path.suffix.lower().lstrip('.').upper()}",
         path=path,
-        found=f"{type(error).__name__}: {error}",
+        found=error if isinstance(error, str) else f"{type(error).__name__}: {error}",
         advice="Open it in a 3-D program and export it again.",
     )
 

@@ -1,1 +1,7 @@
 """Pictures of a face."""
+
+from mocap_fit.render.pictures import picture_sheet as picture_sheet
+from mocap_fit.render.pictures import save_picture as save_picture
+from mocap_fit.render.scene import FaceScene as FaceScene
+from mocap_fit.render.scene import render_face as render_face
+from mocap_fit.render.scene import require_off_screen as require_off_screen

@@ -1,0 +1,406 @@
+"""Foreign meshes: read as they are, checked, refused with a reason."""
+
+import builtins
+import struct
+import warnings
+
+import numpy as np
+import pytest
+
+from mocap_fit.errors import (
+    ConfigurationError,
+    DataError,
+    FileFormatError,
+    MissingExtraError,
+    MocapFitError,
+    MocapFitWarning,
+)
+from mocap_fit.face.import_mesh import read_mesh
+
+
+def egg(rows: int = 9, columns: int = 12) -> tuple[np.ndarray, np.ndarray]:
+    """A closed egg the size of a head: vertices (mm) and outward triangles."""
+    polar = np.linspace(0, np.pi, rows + 2)[1:-1, None]
+    around = 2 * np.pi * np.arange(columns) / columns
+    rings = np.stack(
+        np.broadcast_arrays(
+            70 * np.sin(polar) * np.cos(around),
+            110 * np.cos(polar),
+            -90 * np.sin(polar) * np.sin(around),
+        ),
+        axis=2,
+    ).reshape(-1, 3)
+    vertices = np.concatenate([rings, [[0, 110, 0], [0, -110, 0]]])
+    index = np.arange(rows * columns).reshape(rows, columns)
+    after = np.roll(index, -1, axis=1)
+    triangles = [
+        np.stack([index[:-1], index[1:], after[1:]], axis=2).reshape(-1, 3),
+        np.stack([index[:-1], after[1:], after[:-1]], axis=2).reshape(-1, 3),
+        np.stack([np.full(columns, rows * columns), index[0], after[0]], axis=1),
+        np.stack([np.full(columns, rows * columns + 1), after[-1], index[-1]], axis=1),
+    ]
+    return vertices, np.concatenate(triangles)
+
+
+def volume(mesh) -> float:
+    a, b, c = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def write_obj(path, vertices, polygons, header=""):
+    lines = [header, *(f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices)]
+    lines += ["f " + " ".join(str(i + 1) for i in polygon) for polygon in polygons]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def write_with(library, path, vertices, triangles):
+    if library == "pyvista":
+        import pyvista
+
+        pyvista.PolyData.from_regular_faces(vertices, triangles).save(path)
+    else:
+        trimesh = pytest.importorskip("trimesh")
+        trimesh.Trimesh(vertices, triangles, process=False).export(path)
+    return path
+
+
+def quiet(path, **arguments):
+    """Read with every warning an error."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", MocapFitWarning)
+        return read_mesh(path, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("library", "ending"),
+    [("pyvista", e) for e in (".ply", ".vtp", ".vtk", ".stl")]
+    + [("trimesh", e) for e in (".glb", ".off", ".ply")],
+)
+def test_every_format_gives_the_same_egg(tmp_path, library, ending):
+    vertices, triangles = egg()
+    mesh = quiet(write_with(library, tmp_path / f"egg{ending}", vertices, triangles))
+    assert mesh.vertices.shape == vertices.shape
+    assert mesh.triangles.shape == triangles.shape
+    assert [part.name for part in mesh.parts] == ["egg"] or ending == ".glb"
+    assert volume(mesh) == pytest.approx(4 / 3 * np.pi * 70 * 110 * 90, rel=0.15)
+    if ending != ".stl":  # which stores no vertex numbers
+        np.testing.assert_allclose(mesh.vertices, vertices, atol=1e-4)
+        np.testing.assert_array_equal(mesh.triangles, triangles)
+
+
+def test_obj_keeps_vertex_numbers_and_cuts_polygons(tmp_path):
+    vertices, triangles = egg()
+    vertices = np.concatenate([vertices, vertices[:1], [[0, 0, 0]]])  # a double, and one unused
+    quad = [0, 12, 13, 1]
+    polygons = [t for t in triangles.tolist() if not set(t) <= set(quad)] + [quad]
+    assert len(polygons) == len(triangles) - 1
+    mesh = quiet(write_obj(tmp_path / "a.obj", vertices, polygons))
+    np.testing.assert_allclose(mesh.vertices, vertices, atol=1e-6)
+    assert len(mesh.triangles) == len(triangles)
+    assert mesh.triangles[-2:].tolist() == [[0, 12, 13], [0, 13, 1]]
+
+
+def test_obj_writes_corners_in_many_ways(tmp_path):
+    path = tmp_path / "a.obj"
+    path.write_text(
+        "# é\nmtllib a.mtl\nv 0 0 0 1.0\nv 100 0 0\r\nv 0 100 0\nvt 0 0\nvn 0 0 1\n"
+        "v 0 0 100\nusemtl x\ns 1\nf 1/1/1 2/1/1 3/1/1\nf 1//1 3//1 4//1\nf -4 -1 -3\nf 2 4 3\n",
+        encoding="latin-1",
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MocapFitWarning)
+        mesh = read_mesh(path)
+    assert len(mesh.triangles) == 4
+    assert {frozenset(t) for t in mesh.triangles.tolist()} == {
+        frozenset(t) for t in ([0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2])
+    }
+    assert volume(mesh) > 0
+
+
+def test_obj_objects_become_parts_and_groups_that_share_vertices_regions(tmp_path):
+    vertices, triangles = egg()
+    lines = [f"v {x} {y} {z}" for x, y, z in vertices]
+    lines += ["o shell", "g upper"]
+    faces = ["f {} {} {}".format(*(t + 1)) for t in triangles]
+    lines += [*faces[:100], "g lower", *faces[100:]]
+    lines += [f"v {x} {y} {z}" for x, y, z in 0.5 * vertices]
+    lines += ["o core"]
+    lines += ["f {} {} {}".format(*(t + 1 + len(vertices))) for t in triangles]
+    path = tmp_path / "a.obj"
+    path.write_text("\n".join(lines))
+    mesh = quiet(path)
+    assert [part.name for part in mesh.parts] == ["upper", "core"]
+    assert {"upper", "lower", "core"} <= set(mesh.regions)
+    np.testing.assert_allclose(mesh.vertices[mesh.region("core")], 0.5 * vertices, atol=1e-6)
+    both = np.union1d(mesh.region("upper"), mesh.region("lower"))
+    np.testing.assert_array_equal(both, np.arange(len(vertices)))
+
+
+def test_glb_objects_become_parts_where_they_stand(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    vertices, triangles = egg()
+    scene = trimesh.Scene()
+    for name, shift in (("face", 0.0), ("tongue", 0.02)):
+        scene.add_geometry(
+            trimesh.Trimesh(vertices / 1000, triangles, process=False),
+            node_name=name,
+            geom_name=name,
+            transform=trimesh.transformations.translation_matrix([0, shift, 0]),
+        )
+    scene.export(tmp_path / "two.glb")
+    mesh = quiet(tmp_path / "two.glb", scale=1000)
+    assert [part.name for part in mesh.parts] == ["face", "tongue"]
+    np.testing.assert_allclose(
+        mesh.vertices[mesh.region("tongue")], vertices + np.array([0, 20, 0]), atol=1e-3
+    )
+
+
+def test_axes_and_scale_bring_a_mesh_upright(tmp_path):
+    vertices, triangles = egg()
+    # A z-up program that looks along -y, in metres: its (x, y, z) is our (x, -z, y).
+    theirs = np.stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]], axis=1) / 1000
+    path = write_obj(tmp_path / "a.obj", theirs, triangles.tolist())
+    mesh = quiet(path, scale=1000, axes="x z -y")
+    np.testing.assert_allclose(mesh.vertices, vertices, atol=1e-4)
+    assert volume(mesh) > 0
+
+
+def test_left_handed_axes_keep_the_outside_outside(tmp_path):
+    vertices, triangles = egg()
+    path = write_obj(tmp_path / "a.obj", vertices * [1, 1, -1], triangles[:, ::-1].tolist())
+    mesh = quiet(path, axes="x,y,-z")
+    np.testing.assert_allclose(mesh.vertices, vertices, atol=1e-6)
+    assert volume(mesh) > 0
+
+
+def test_triangles_that_face_inwards_are_turned_with_a_warning(tmp_path):
+    vertices, triangles = egg()
+    path = write_obj(tmp_path / "a.obj", vertices, triangles[:, ::-1].tolist())
+    with pytest.warns(MocapFitWarning, match="inwards"):
+        mesh = read_mesh(path)
+    assert volume(mesh) > 0
+
+
+def test_triangles_without_area_are_left_out_with_a_warning(tmp_path):
+    vertices, triangles = egg()
+    path = write_obj(
+        tmp_path / "a.obj", vertices, [*triangles.tolist(), [0, 0, 1], [5, 7, 5], [3, 3, 3]]
+    )
+    with pytest.warns(MocapFitWarning, match="3 triangles without area"):
+        mesh = read_mesh(path)
+    assert len(mesh.triangles) == len(triangles)
+
+
+def test_edges_of_three_triangles_are_told(tmp_path):
+    vertices, triangles = egg()
+    vertices = np.concatenate([vertices, [[200.0, 0, 0]]])
+    fin = [*triangles[0, :2].tolist(), len(vertices) - 1]
+    path = write_obj(tmp_path / "a.obj", vertices, [*triangles.tolist(), fin])
+    with pytest.warns(MocapFitWarning, match="1 edges belong to more than two"):
+        read_mesh(path)
+
+
+def ply_header(kind, vertices, faces):
+    return (
+        f"ply\nformat {kind} 1.0\ncomment made by hand\nelement vertex {vertices}\n"
+        "property float x\nproperty float y\nproperty double z\nproperty uchar red\n"
+        f"element face {faces}\nproperty list uchar int vertex_index\nproperty short flag\n"
+        "end_header\n"
+    )
+
+
+@pytest.mark.parametrize("kind", ["ascii", "binary_little_endian", "binary_big_endian"])
+def test_ply_with_polygons_of_different_lengths(tmp_path, kind):
+    vertices, triangles = egg()
+    quad = [0, 12, 13, 1]
+    polygons = [*(t for t in triangles.tolist() if not set(t) <= set(quad)), quad]
+    data = ply_header(kind, len(vertices), len(polygons)).encode()
+    if kind == "ascii":
+        rows = [f"{x} {y} {z} 200" for x, y, z in vertices]
+        rows += [f"{len(p)} {' '.join(map(str, p))} -3" for p in polygons]
+        data += "\n".join(rows).encode()
+    else:
+        order = "<" if "little" in kind else ">"
+        data += b"".join(struct.pack(f"{order}ffdB", *v, 200) for v in vertices)
+        data += b"".join(struct.pack(f"{order}B{len(p)}ih", len(p), *p, -3) for p in polygons)
+    path = tmp_path / "a.ply"
+    path.write_bytes(data)
+    mesh = quiet(path)
+    np.testing.assert_allclose(mesh.vertices, vertices, atol=1e-4)
+    assert len(mesh.triangles) == len(triangles)
+    assert mesh.triangles[-2:].tolist() == [[0, 12, 13], [0, 13, 1]]
+
+
+V, T = egg()
+NAN_ROW = np.where(np.arange(len(V))[:, None] == 5, np.nan, V)
+
+
+def obj_text(*lines):
+    return lambda path: path.write_text("\n".join(lines))
+
+
+def binary(path):
+    path.write_bytes(bytes(range(256)) * 40)
+
+
+def cut(library):
+    def write(path):
+        write_with(library, path, V, T)
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+    return write
+
+
+def points_ply(path):
+    path.write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+        "property float z\nend_header\n0 0 0\n100 0 0\n0 100 0\n"
+    )
+
+
+BAD = {
+    "no such file": ("a.obj", None, FileFormatError, "no such file"),
+    "a folder": ("a.obj", lambda p: p.mkdir(), FileFormatError, "no such file"),
+    "empty file": ("a.obj", lambda p: p.touch(), FileFormatError, "empty"),
+    "empty ply": ("a.ply", lambda p: p.touch(), FileFormatError, "empty"),
+    "unknown format": ("a.max", lambda p: p.write_text("x"), FileFormatError, "not a mesh format"),
+    "no ending": ("head", lambda p: p.write_text("x"), FileFormatError, "not a mesh format"),
+    "obj without faces": (
+        "a.obj",
+        obj_text("v 0 0 0", "v 1 0 0", "v 0 1 0"),
+        DataError,
+        "no triangles",
+    ),
+    "obj of comments": ("a.obj", obj_text("# nothing"), DataError, "no triangles"),
+    "text for a number": ("a.obj", obj_text("v 0 zero 0"), FileFormatError, "line 1"),
+    "two coordinates": ("a.obj", obj_text("", "v 0 0"), FileFormatError, "line 2"),
+    "face with two corners": (
+        "a.obj",
+        obj_text("v 0 0 0", "v 1 0 0", "f 1 2"),
+        FileFormatError,
+        "line 3",
+    ),
+    "vertex not there": (
+        "a.obj",
+        obj_text("v 0 0 0", "v 1 0 0", "v 0 1 0", "f 1 2 9"),
+        FileFormatError,
+        "vertex 9",
+    ),
+    "vertex zero": (
+        "a.obj",
+        obj_text("v 0 0 0", "v 1 0 0", "v 0 1 0", "f 0 1 2"),
+        FileFormatError,
+        "vertex 0",
+    ),
+    "not a number": ("a.obj", lambda p: write_obj(p, NAN_ROW, T), DataError, "not finite"),
+    "infinite": (
+        "a.obj",
+        obj_text("v 0 0 0", "v inf 0 0", "v 0 1 0", "f 1 2 3"),
+        DataError,
+        "not finite",
+    ),
+    "in metres": ("a.obj", lambda p: write_obj(p, V / 1000, T), DataError, "scale=1000"),
+    "in centimetres": ("a.obj", lambda p: write_obj(p, V / 10, T), DataError, "scale=10"),
+    "huge": ("a.obj", lambda p: write_obj(p, V * 10, T), DataError, "scale=0.1"),
+    "all at one place": ("a.obj", lambda p: write_obj(p, V * 0, T), DataError, "one place"),
+    "a line": (
+        "a.obj",
+        lambda p: write_obj(p, [[0, 0, 0], [0, 100, 0], [0, 200, 0]], [[0, 1, 2]]),
+        DataError,
+        "has an area",
+    ),
+    "binary obj": ("a.obj", binary, MocapFitError, "a.obj"),
+    "binary ply": ("a.ply", binary, MocapFitError, "a.ply"),
+    "binary stl": ("a.stl", binary, MocapFitError, "a.stl"),
+    "binary vtp": ("a.vtp", binary, MocapFitError, "a.vtp"),
+    "binary glb": ("a.glb", binary, MocapFitError, "a.glb"),
+    "binary off": ("a.off", binary, MocapFitError, "a.off"),
+    "broken gltf": ("a.gltf", lambda p: p.write_text("{"), MocapFitError, "a.gltf"),
+    "ply cut off": ("a.ply", cut("pyvista"), FileFormatError, "cut off"),
+    "stl cut off": ("a.stl", cut("pyvista"), MocapFitError, "a.stl"),
+    "vtp cut off": ("a.vtp", cut("pyvista"), MocapFitError, "a.vtp"),
+    "vtk cut off": ("a.vtk", cut("pyvista"), MocapFitError, "a.vtk"),
+    "glb cut off": ("a.glb", cut("trimesh"), MocapFitError, "a.glb"),
+    "ply of unknown numbers": (
+        "a.ply",
+        obj_text("ply", "format ascii 1.0", "element vertex 1", "property quad x", "end_header"),
+        FileFormatError,
+        "line 4",
+    ),
+    "ply with text for a number": (
+        "a.ply",
+        lambda p: p.write_text(ply_header("ascii", 1, 0) + "0 zero 0 0"),
+        FileFormatError,
+        "zero",
+    ),
+    "ply without vertices": (
+        "a.ply",
+        obj_text("ply", "format ascii 1.0", "end_header"),
+        FileFormatError,
+        "no vertices",
+    ),
+    "ply that names a vertex too many": (
+        "a.ply",
+        lambda p: p.write_text(
+            ply_header("ascii", 3, 1) + "0 0 0 9\n100 0 0 9\n0 100 0 9\n3 0 1 7 0"
+        ),
+        DataError,
+        "not there",
+    ),
+    "ply of points": ("a.ply", points_ply, DataError, "no triangles"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_bad_meshes_are_refused_with_a_reason(tmp_path, kind, capfd):
+    name, write, error, message = BAD[kind]
+    path = tmp_path / name
+    if write is not None:
+        write(path)
+    with pytest.raises(error, match=message) as caught:
+        read_mesh(path)
+    text = str(caught.value)
+    assert str(path) in text
+    assert "\n" not in text
+    shown = capfd.readouterr()
+    assert shown.out + shown.err == ""
+
+
+@pytest.mark.parametrize("axes", ["x y", "x y y", "x y q", "--x y z", "x y z w", "1 2 3", " "])
+def test_impossible_axes_are_refused(tmp_path, axes):
+    path = write_obj(tmp_path / "a.obj", V, T)
+    if not axes.strip():
+        assert len(read_mesh(path, axes=None).vertices) == len(V)
+    with pytest.raises(ConfigurationError, match="axes"):
+        read_mesh(path, axes=axes)
+
+
+@pytest.mark.parametrize("scale", [0.0, -1.0, np.nan, np.inf])
+def test_impossible_scales_are_refused(tmp_path, scale):
+    path = write_obj(tmp_path / "a.obj", V, T)
+    with pytest.raises(ConfigurationError, match="scale"):
+        read_mesh(path, scale=scale)
+
+
+def test_the_suggested_scale_works(tmp_path):
+    path = write_obj(tmp_path / "a.obj", V / 25.4, T)  # inches
+    with pytest.raises(DataError, match=r"scale=(\S+)\.$|scale=(\S+)") as caught:
+        read_mesh(path)
+    suggested = float(str(caught.value).split("scale=")[1].rstrip("."))
+    assert len(read_mesh(path, scale=suggested).vertices) == len(V)
+
+
+def test_without_trimesh_the_extra_is_named(tmp_path, monkeypatch):
+    path = tmp_path / "a.glb"
+    path.write_bytes(b"glTF")
+    real_import = builtins.__import__
+
+    def without(name, *arguments, **more):
+        if name == "trimesh":
+            raise ImportError(name)
+        return real_import(name, *arguments, **more)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(MissingExtraError, match=r"pip install 'mocap-fit\[mesh\]'"):
+        read_mesh(path)
