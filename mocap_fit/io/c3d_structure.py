@@ -22,6 +22,9 @@ _INTEL, _DEC, _MIPS = 84, 85, 86
 _LONG = 65535
 """A last frame of this number means that the header's 16 bits did not suffice."""
 
+_MOST_SAMPLES = 10_000
+"""Analog samples or rotations a frame; ezc3d makes room for each, whether it is there or not."""
+
 _NUMERIC = {1: "i1", 2: "i2", 4: "f4"}
 
 
@@ -177,6 +180,10 @@ def _check_counts(plan: _Plan, data_start: int) -> None:
             f"{analog} analog numbers a frame",
             f"{per_frame} of {channels} channels",
         )
+    ratio = plan.count("ROTATION", "RATIO") or 0
+    if max(per_frame, ratio) > _MOST_SAMPLES:
+        found = f"{max(per_frame, ratio)} samples a frame"
+        _refuse(plan.path, "the header is not possible", found, f"at most {_MOST_SAMPLES}")
     frames = last - first + 1
     if last == _LONG:
         said = (plan.count("POINT", "LONG_FRAMES"), plan.count("POINT", "FRAMES"))

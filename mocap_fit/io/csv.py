@@ -219,7 +219,12 @@ def _titles(lines: list[str]) -> _Titles:
 
 
 def _cells(line: str, separator: Separator) -> list[str]:
-    cells = [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
+    try:
+        parts = next(csv.reader([line], delimiter=separator), [])
+    except csv.Error as error:
+        # A cell of over 100,000 characters, or a line end inside one.
+        raise _TitleError("the row of titles cannot be split", str(error), _EXAMPLE) from None
+    cells = [cell.strip() for cell in parts]
     while cells and not cells[-1]:
         cells.pop()
     return cells

@@ -212,12 +212,12 @@ def _lost_line(lines: _Lines, width: int, separator: str) -> int | None:
     cell = cell.rsplit(separator, 1)[-1]
     if number(cell) is None:
         return last
-    if len(lines.numbers) > 1:
-        # No line end: the last number is whole if it has as many digits as the one above it.
-        above = lines.block[:-1].rsplit(b"\n", 2)[-2].decode("utf-8", errors="replace")
-        above = above.split(separator)[width - 1]
-        if not is_missing(above) and (is_missing(cell) or _digits(cell) < _digits(above)):
-            return last
+    # No line end: the last number is not whole if it has fewer digits than all those above it.
+    rows = lines.block[:-1].rsplit(b"\n", 20)[:-1]
+    above = [decoded(row.rsplit(b"\n", 1)[-1]).split(separator)[width - 1 : width] for row in rows]
+    digits = {_digits(cells[0]) for cells in above if cells and not is_missing(cells[0])}
+    if len(digits) == 1 and (is_missing(cell) or _digits(cell) < digits.pop()):
+        return last
     return None
 
 

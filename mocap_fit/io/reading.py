@@ -145,8 +145,19 @@ def read(
     chosen = _reader(name)
     try:
         return chosen.read(file, names=names, rate=rate)
+    except MocapFitError:
+        raise
     except OSError as error:
         raise unreadable(path, error) from None
+    except Exception as error:
+        source = READERS.source(name)
+        if source == "mocap-fit":
+            raise
+        raise RegistryError(
+            f"the reader '{name}' of {source} fails on {file}",
+            found=f"{type(error).__name__}: {error}",
+            advice="Choose another reader (reader=...), or tell its authors.",
+        ) from error
 
 
 def read_tracks(

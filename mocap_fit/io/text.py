@@ -131,6 +131,7 @@ class TextFile:
         except OSError as error:
             raise unreadable(path, error) from None
         except UnicodeDecodeError:
+            self._file.close()
             raise self._not_text() from None
         if head.startswith(_UTF8_MARK):
             self._file.seek(len(_UTF8_MARK))

@@ -117,6 +117,17 @@ def test_a_cut_off_file_is_refused(cut: int, recordings: Path, tmp_path: Path) -
     assert read_tracks(write(path, content[:needed])).frames == 12
 
 
+def test_an_impossible_number_of_samples_is_refused_at_once(
+    recordings: Path, tmp_path: Path
+) -> None:
+    content = bytearray((recordings / "subject_metres.c3d").read_bytes())
+    place = content.index(b"RATIO") + len(b"RATIO") + 4
+    assert content[place : place + 2] == b"\0\0"
+    content[place : place + 2] = b"\0\x80"
+    with pytest.raises(FileFormatError, match=r"32768 samples a frame"):
+        read_tracks(write(tmp_path / "a.c3d", bytes(content)))
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_damage_does_not_end_the_program(seed: int, recordings: Path, tmp_path: Path) -> None:
     """Bytes changed in header and parameters, which ezc3d alone does not survive."""

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mocap_fit.errors import MocapFitWarning
+from mocap_fit.errors import FileFormatError, MocapFitWarning
 from mocap_fit.io import csv, read_tracks
 
 NAMES = ("commas", "semicolons", "tabs", "two_rows", "quoted_milliseconds", "metres")
@@ -100,6 +100,17 @@ def test_the_rate_comes_from_rounded_times(
     # Never off by more than the rounding of the times can explain.
     assert abs(tracks.duration - frames / rate) <= 2.1 * 10.0**-decimals * frames / (frames - 1)
     assert tracks.times[-1] == pytest.approx(start + (frames - 1) / rate, abs=3 * 10.0**-decimals)
+
+
+@pytest.mark.parametrize(
+    "titles", ["time,a_x,a_y\r,a_z", "time,a_x,a_y," + "z" * 200_000, '"time,a_x,a_y,a_z']
+)
+def test_titles_that_cannot_be_split(titles: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(f"{titles}\n0.0,1,2,3\n0.1,1,2,3\n".encode())
+    assert not csv.sniff(path)
+    with pytest.raises(FileFormatError, match=r"a\.csv"):
+        read_tracks(path)
 
 
 def test_sniff_leaves_other_tables_alone(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mocap_fit.errors import FileFormatError
+from mocap_fit.errors import FileFormatError, MocapFitWarning
 from mocap_fit.io import number_table
 from mocap_fit.io.number_table import NumberTable, number, read_numbers
 
@@ -72,6 +72,17 @@ def test_blank_lines_and_cells_do_not_count() -> None:
     read = table(b"\n1\t2\t3\t\t\n\n   \n4\t5\t6\n\n\n")
     np.testing.assert_array_equal(read.values, [[1, 2, 3], [4, 5, 6]])
     assert read.lines.tolist() == [6, 9]
+
+
+def test_without_a_last_line_end_digits_tell_whether_the_row_is_whole() -> None:
+    even = b"1\t2\t3.25\n1\t2\t3.50\n1\t2\t"
+    with pytest.warns(MocapFitWarning, match=r"line 7: the file is cut off"):
+        assert len(table(even + b"4.7").values) == 2
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(table(even + b"4.75").values) == 3
+        # Where the numbers above differ in their digits, nothing can be said.
+        assert len(table(b"1\t2\t3.125\n1\t2\t3.5\n1\t2\t4").values) == 3
 
 
 def test_decimals_are_those_of_the_text() -> None:
