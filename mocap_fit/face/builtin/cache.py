@@ -53,11 +53,11 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache") / "mocap-fit"
 
 
-def source_key(folder: Path) -> str:
-    """A short name for the state of the modules in a folder and of what they compute with."""
+def source_key(*sources: Path) -> str:
+    """A short name for the state of some modules and of the libraries they compute with."""
     versions = (mocap_fit.__version__, np.__version__, metadata.version("scipy"))
     digest = hashlib.sha256("\n".join(versions).encode())
-    for source in sorted(folder.glob("*.py")):
+    for source in sorted(sources):
         digest.update(source.name.encode())
         digest.update(source.read_bytes())
     return digest.hexdigest()[:16]

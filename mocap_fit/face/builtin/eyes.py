@@ -41,7 +41,7 @@ def lid_margin(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The lids' edge about the eye's centre; angle 0 at the outer corner, π/2 above."""
     cosine, sine = np.cos(angle), np.sin(angle)
     x = np.where(cosine > 0, 14.2, 15.2) * cosine
-    upper = 5.0 * (1 - np.clip(np.abs((x + 1.5) / np.where(x > -1.5, 15.9, 13.9)), 0, 1) ** 2.1)
+    upper = 4.7 * (1 - np.clip(np.abs((x + 1.5) / np.where(x > -1.5, 15.9, 13.9)), 0, 1) ** 2.1)
     lower = 4.4 * (1 - np.clip(np.abs((x - 2.0) / np.where(x > 2.0, 12.4, 17.4)), 0, 1) ** 2.0)
     y = np.where(sine > 0, upper, -lower) * (np.abs(sine) > 1e-9) + x / 15
     return x, y

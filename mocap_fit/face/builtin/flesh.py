@@ -36,6 +36,7 @@ _FORWARD = [
 ]
 _NASOLABIAL_FOLD = [(17.5, 30.1), (22.0, 21.8), (27.5, 10.0), (31.0, -3.0), (31.5, -12.0)]
 # Azimuth × 60 and height.
+_JAW_EDGE = [(6.0, -48.0), (36.0, -38.0), (62.0, -22.0), (84.0, -6.0), (96.0, 24.0)]
 _NECK_MUSCLE = [(125.0, 5.0), (84.0, -50.0), (20.0, -122.0)]
 
 
@@ -51,9 +52,14 @@ def skin(azimuth: FloatArray, level: FloatArray) -> FloatArray:
     points[:, 2] += (outwards * np.cos(0.9 * azimuth) + forwards) * front
     # The muscle that runs down from behind the ear turns the neck from a tube into a neck.
     distance, _, position = distance_to_path(60 * azimuth, y, _NECK_MUSCLE)
-    muscle = 2.6 * hill(distance, 0, 8.0) * smoothstep(position / 0.25)
-    points[:, 0] += muscle * np.sin(azimuth)
-    points[:, 2] += muscle * np.cos(azimuth)
+    beside = 2.6 * hill(distance, 0, 8.0) * smoothstep(position / 0.25)
+    # The edge of the jaw, and the hollow under it.
+    distance, above, position = distance_to_path(60 * azimuth, y, _JAW_EDGE)
+    height = distance * above
+    fade = np.sin(np.pi * np.clip(position, 0, 1)) ** 0.7
+    beside += fade * (1.7 * hill(height, 2.0, 6.5) - 2.2 * hill(height, -11.0, 7.0))
+    points[:, 0] += beside * np.sin(azimuth)
+    points[:, 2] += beside * np.cos(azimuth)
     return points
 
 

@@ -30,7 +30,9 @@ def built_in_head(*, use_cache: bool = True) -> Mesh:
         skin; MPEG-4 feature points. Origin between the ears at the height of the mouth.
     """
     if use_cache:
-        path = cache_folder() / f"head-{source_key(Path(__file__).parent)}.npz"
+        here = Path(__file__).parent
+        key = source_key(here.parent / "mesh.py", *here.glob("*.py"))
+        path = cache_folder() / f"head-{key}.npz"
         kept = load_mesh(path)
         if kept is not None:
             return kept
