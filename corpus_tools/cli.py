@@ -84,6 +84,20 @@ def _program(
 
 
 @app.command()
+def demo(
+    out: Annotated[
+        Path, typer.Option(help="A new folder, or that of a former demo, which is replaced.")
+    ] = Path("mocap-fit-demo"),
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same numbers.")] = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Simulate recordings, fit them, compare with the truth, draw figures."""
+    from corpus_tools import demo as command
+
+    raise typer.Exit(command.run(out, seed=seed, as_json=as_json))
+
+
+@app.command()
 def info(
     files: Annotated[
         list[Path], typer.Argument(metavar="FILE", help="Recordings in any known format.")

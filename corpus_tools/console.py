@@ -170,8 +170,13 @@ def warnings_in_one_line() -> Iterator[None]:
 
 
 def print_json(value: object) -> None:
-    """Print a value as JSON on stdout: ASCII, and null where a number is not finite."""
-    print(json.dumps(_plain(value), indent=2, allow_nan=False))
+    """Print a value as JSON on stdout; see `json_text`."""
+    print(json_text(value))
+
+
+def json_text(value: object) -> str:
+    """A value as JSON text: ASCII, and null where a number is not finite."""
+    return json.dumps(_plain(value), indent=2, allow_nan=False)
 
 
 def screen() -> Console:

@@ -24,7 +24,7 @@ from mocap_fit.fitting import (
     load_layout,
 )
 from mocap_fit.fitting.objective import Objective
-from mocap_fit.head import HeadMotion, remove_head_motion
+from mocap_fit.head import HeadMotion, match_size, remove_head_motion
 from mocap_fit.io import READERS, read_tracks
 from mocap_fit.tracks import MarkerTracks, write_parquet
 
@@ -89,6 +89,8 @@ class Speaker:
     ) -> tuple[ShapeFit, HeadMotion]:
         """Remove the head's motion from a recording and fit its frames."""
         weights = {m.name: m.weight for m in self.layout.head_markers}
+        if self.layout.size_varies:
+            recording, _ = match_size(recording, self.reference, tuple(weights))
         still, motion = remove_head_motion(
             recording, self.reference, names=tuple(weights) or None, weights=weights or None
         )
@@ -266,6 +268,7 @@ _LISTED = 20
 
 
 def _show(rows: list[dict[str, Any]], out: Path) -> None:
+    from rich import box
     from rich.table import Table
 
     done = [row for row in rows if "error" not in row]
@@ -275,7 +278,7 @@ def _show(rows: list[dict[str, Any]], out: Path) -> None:
     if len(done) > _LISTED:
         listed = sorted(done, key=lambda row: -float(row["residual_mm"]))[:5]
         title = f"the {len(listed)} recordings with the largest residuals"
-    table = Table(title=title)
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("recording", no_wrap=True)
     for label in _COLUMNS.values():
         table.add_column(label, justify="right")

@@ -36,8 +36,18 @@ ROOMS = {
         "render",
         "experiment",
     ),
-    # What all commands share, the commands, the demo that runs other commands, the one entry.
-    "corpus_tools": ("console", "info", "simulate", "fit", "demo", "cli"),
+    # What all commands share, the commands, the demo that runs other commands and draws what
+    # they found, the one entry.
+    "corpus_tools": (
+        "console",
+        "info",
+        "simulate",
+        "fit",
+        "comparison",
+        "figures",
+        "demo",
+        "cli",
+    ),
 }
 
 LONGEST_FILE = 500
