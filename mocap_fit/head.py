@@ -399,6 +399,54 @@ def remove_head_motion(
     return tracks.with_step("remove_head_motion", step.arguments), motion
 
 
+def match_size(
+    recording: MarkerTracks, reference: MarkerTracks, names: Sequence[str]
+) -> tuple[MarkerTracks, float]:
+    """Bring a recording to the size of the reference pose.
+
+    For landmarks of a video, whose scale is not known and differs from one recording to the
+    next; markers that a camera system measures have a size already.
+
+    Parameters
+    ----------
+    recording
+        Markers in any coordinates.
+    reference
+        The reference pose (the median over its frames is used).
+    names
+        Markers that are rigid with the head, two or more.
+
+    Returns
+    -------
+    MarkerTracks
+        The recording, all positions divided by the factor.
+    float
+        How many times larger it was: the median over the frames of the ratio of the distances
+        between the reference markers.
+
+    Raises
+    ------
+    DataError
+        If no frame shows two of the markers, or the sizes differ so much that a unit is wrong.
+    """
+    chosen, shape = _chosen_reference(recording, reference, names)
+    positions = recording.positions[:, recording.indices(chosen)]
+    one, other = np.triu_indices(len(chosen), 1)
+    _check_sizes(chosen, shape, positions)
+    apart = np.linalg.norm(positions[:, one] - positions[:, other], axis=2)
+    expected = np.linalg.norm(shape[one] - shape[other], axis=1)
+    seen = ~np.isnan(apart)
+    frames = seen.any(axis=1)
+    if not frames.any():
+        raise DataError(
+            "no frame shows two reference markers", expected=f"two or more of {', '.join(chosen)}"
+        )
+    total = np.where(seen, apart, 0.0).sum(axis=1)[frames]
+    factor = float(np.median(total / np.where(seen, expected, 0.0).sum(axis=1)[frames]))
+    matched = recording.replace(positions=recording.positions / factor)
+    return matched.with_step("match_size", {"factor": factor}), factor
+
+
 def restore_head_motion(tracks: MarkerTracks, motion: HeadMotion) -> MarkerTracks:
     """Put the head's motion back: from head coordinates to the room.
 

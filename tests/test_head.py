@@ -11,6 +11,7 @@ from mocap_fit.head import (
     HeadMotion,
     estimate_head_motion,
     find_reference_markers,
+    match_size,
     remove_head_motion,
     restore_head_motion,
 )
@@ -488,3 +489,27 @@ def test_the_reference_points_of_grid_are_fairly_rigid(data_folder):
     )
     assert np.nanmedian(pooled) < 1.5
     assert rejected < 0.01 * len(pooled)
+
+
+@pytest.mark.parametrize("factor", [0.87, 1.0, 1.13])
+def test_size_is_matched(rng, factor):
+    recording, reference, *_ = moving_head(rng, frames=60, noise=0.0)
+    larger = recording.replace(positions=recording.positions * factor)
+    matched, found = match_size(larger, reference, HEAD)
+    assert found == pytest.approx(factor, rel=1e-9)
+    np.testing.assert_allclose(matched.positions, recording.positions, atol=1e-9)
+    assert matched.provenance[-1].name == "match_size"
+
+
+def test_size_is_matched_from_what_is_seen(rng):
+    recording, reference, *_ = moving_head(rng, frames=60, noise=0.0)
+    positions = 1.1 * recording.positions
+    positions[rng.random(positions.shape[:2]) < 0.3] = np.nan
+    _, found = match_size(recording.replace(positions=positions, origin=None), reference, HEAD)
+    assert found == pytest.approx(1.1, rel=1e-9)
+
+
+def test_size_is_not_matched_across_units(rng):
+    recording, reference, *_ = moving_head(rng, frames=60)
+    with pytest.raises(DataError, match="size"):
+        match_size(recording.replace(positions=recording.positions / 1000), reference, HEAD)

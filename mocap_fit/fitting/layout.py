@@ -67,6 +67,9 @@ class Layout(_Strict):
     marker_offset
         How far the centre of a marker is above the skin, millimetres; half a marker's diameter
         for one that is glued on, 0 for a landmark.
+    size_varies
+        Whether recordings must first be brought to the size of the reference pose by their head
+        markers: true for landmarks of a video, whose scale drifts; false for measured markers.
     reference_parameters
         Face parameters of the reference pose; those not named are 0 (jaw and lips closed).
     markers
@@ -76,6 +79,7 @@ class Layout(_Strict):
     name: str = ""
     description: str = ""
     marker_offset: float = Field(default=0.0, ge=0, le=20)
+    size_varies: bool = False
     reference_parameters: dict[str, float] = {}
     markers: tuple[LayoutMarker, ...]
 
@@ -87,6 +91,8 @@ class Layout(_Strict):
             raise ValueError(f"more than one marker is called {', '.join(duplicates)}")
         if not self.face_markers:
             raise ValueError("no marker has the role 'face'")
+        if self.size_varies and len(self.head_markers) < 3:
+            raise ValueError("size_varies needs three or more markers with the role 'head'")
         strategic = [m for m in self.markers if m.orientation]
         if len(strategic) < 3:
             raise ValueError(
