@@ -247,7 +247,9 @@ class FaceScene:
             )
         places = places[np.isfinite(places).all(axis=1)]
         if len(places):
-            ball = pyvista.Sphere(radius=self._marker_radius, theta_resolution=16, phi_resolution=16)
+            ball = pyvista.Sphere(
+                radius=self._marker_radius, theta_resolution=16, phi_resolution=16
+            )
             balls = pyvista.PolyData(places).glyph(geom=ball, scale=False, orient=False)
             self._markers = self._plotter.add_mesh(
                 balls, color=_MARKER_COLOUR, ambient=0.3, specular=0.3, reset_camera=False

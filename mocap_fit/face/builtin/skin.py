@@ -283,11 +283,11 @@ def _whole(
 def _where_to_smooth(
     vertices: FloatArray, triangles: IndexArray, kinds: NDArray[np.str_]
 ) -> tuple[FloatArray, IndexArray, FloatArray, int]:
-    """The corners of the mouth, where rings crowd together."""
+    """The corners of the mouth, where rings crowd together, and the crown, where sections end."""
     x, y, z = np.abs(vertices[:, 0]), vertices[:, 1], vertices[:, 2]
     around = bump(x, y, (26.5, 0.5), (3.2, 3.2)) * (z > 60)
     around *= np.isin(kinds, ["fill", "skin", "border"])
-    return vertices, triangles, 0.6 * around, 14
+    return vertices, triangles, 0.6 * around + 0.5 * smoothstep((y - 140) / 20), 14
 
 
 def _nose_smoothing(vertices: FloatArray, kinds: NDArray[np.str_]) -> FloatArray:
