@@ -22,11 +22,13 @@ from mocap_fit.face.rig import (
     evaluate,
     evaluate_jacobian,
 )
-from mocap_fit.face.weights import falloff, interpolated
+from mocap_fit.face.rig_file import at_place
+from mocap_fit.face.weights import BendingEnergy, falloff
 from mocap_fit.tracks import FloatArray
 
 if TYPE_CHECKING:
-    from mocap_fit.face.rig_file import RigFile, Transform, Weight
+    from mocap_fit.face.rig_file import RigFile
+    from mocap_fit.face.rig_tables import Places, Transform, Weight
 
 
 class ParkeRig:
@@ -63,33 +65,34 @@ class ParkeRig:
         Raises
         ------
         ConfigurationError
-            If the file names a region, part, feature point, weight or parameter that is not
-            there, or a transform that does nothing.
+            If the mesh lacks a region, part or feature point that the file names, or a transform
+            does nothing.
         """
-        names = tuple(rig_file.parameters)
+        names, transforms = tuple(rig_file.parameters), rig_file.transforms
+        if not names or not transforms:
+            raise ConfigurationError(
+                "the rig file has no parameters or no transforms",
+                advice='Add them, or take the shipped ones with extends = "parke".',
+            )
+        rig_file.check_on(mesh)
         scale = rig_file.scale_on(mesh)
-        weights = _weights(rig_file, mesh, scale)
-        transforms = rig_file.transforms
+        places = rig_file.places(mesh, scale)
+        weights = _weights(rig_file, mesh, scale, places)
         count = len(transforms)
         kinds = np.zeros(count, dtype=np.int64)
         vectors, centres = np.zeros((count, 3)), np.zeros((count, 3))
         shares = np.zeros((count, len(mesh.vertices)))
         for i, transform in enumerate(transforms):
-            if transform.weight not in weights:
-                raise ConfigurationError(
-                    f"the transform {i + 1} of the rig, for '{transform.parameter}', names a "
-                    f"weight '{transform.weight}' that is not there",
-                    expected=f"one of {', '.join(weights)}",
-                )
             kinds[i], vectors[i] = _kind_and_vector(transform, scale)
             if transform.centre is not None:
-                centres[i] = transform.centre.position(mesh, scale)
+                centres[i] = transform.centre.on(mesh, scale, places)
             shares[i] = weights[transform.weight]
             if not shares[i].any() or not vectors[i].any():
-                raise ConfigurationError(
-                    f"the transform {i + 1} of the rig, for '{transform.parameter}', moves nothing",
-                    advice="Check its weight's centre and radii, and its amount.",
-                )
+                with at_place(f"transforms.{i}"):
+                    raise ConfigurationError(
+                        f"it moves nothing, though '{transform.parameter}' drives it",
+                        advice=f"Check its amount, and the weight '{transform.weight}'.",
+                    )
         compiled = CompiledRig(
             vertex_ids=np.arange(len(mesh.vertices)),
             rest=mesh.vertices,
@@ -124,21 +127,18 @@ def _kind_and_vector(transform: Transform, scale: float) -> tuple[Kind, FloatArr
     if transform.kind == "scaling":
         return Kind.SCALING, np.asarray(transform.factors)
     axis = np.asarray(transform.axis, dtype=np.float64)
-    return Kind.ROTATION, axis / np.linalg.norm(axis) * np.radians(transform.degrees)
+    turn = np.radians(float(transform.degrees or 0.0))
+    return Kind.ROTATION, axis / np.linalg.norm(axis) * turn
 
 
-def _weights(rig_file: RigFile, mesh: Mesh, scale: float) -> dict[str, FloatArray]:
+def _weights(rig_file: RigFile, mesh: Mesh, scale: float, places: Places) -> dict[str, FloatArray]:
     weights: dict[str, FloatArray] = {}
+    bending: dict[str, BendingEnergy] = {}
     for name, weight in rig_file.weights.items():
-        share = _own_weight(name, weight, mesh, scale)
-        for factor in weight.multiply:
-            other = factor.removeprefix("1 - ")
-            if other not in weights:
-                raise ConfigurationError(
-                    f"the weight '{name}' is multiplied by '{other}', which is not above it",
-                    expected=f"one of {', '.join(weights) or 'none so far'}",
-                )
-            share = share * (weights[other] if factor == other else 1.0 - weights[other])
+        with at_place(f"weights.{name}"):
+            share = _own_weight(weight, mesh, scale, places, bending)
+        for other, inverted in weight.factors():
+            share = share * (1.0 - weights[other] if inverted else weights[other])
         for part, value in weight.parts.items():
             if mesh.has_region(part):
                 share[mesh.region(part)] = value
@@ -153,30 +153,40 @@ def _weights(rig_file: RigFile, mesh: Mesh, scale: float) -> dict[str, FloatArra
     return weights
 
 
-def _own_weight(name: str, weight: Weight, mesh: Mesh, scale: float) -> FloatArray:
-    """The weight of the skin alone: other parts are given theirs, or follow."""
-    skin = mesh.part(weight.on)
-    vertices = slice(skin.vertices.start, skin.vertices.stop)
+def _own_weight(
+    weight: Weight,
+    mesh: Mesh,
+    scale: float,
+    places: Places,
+    bending: dict[str, BendingEnergy],
+) -> FloatArray:
+    """The weight of its own part alone: other parts are given theirs, or follow."""
+    part = mesh.part(weight.on)
+    vertices = slice(part.vertices.start, part.vertices.stop)
     share = np.zeros(len(mesh.vertices))
     if weight.centre is not None and weight.radii is not None:
-        centre = weight.centre.position(mesh, scale)
         share[vertices] = falloff(
             mesh.vertices[vertices],
-            centre,
+            weight.centre.on(mesh, scale, places),
             scale * np.asarray(weight.radii, dtype=np.float64),
             weight.plateau,
         )
         return share
     totals, counts = np.zeros(len(mesh.vertices)), np.zeros(len(mesh.vertices))
     for constraint in weight.values:
-        members = constraint.members(mesh)
+        members = constraint.members(mesh, scale, places)
         totals[members] += constraint.value
         counts[members] += 1
     known = np.flatnonzero(counts[vertices])
     if known.size == 0:
-        raise ConfigurationError(f"the weight '{name}' of the rig has no value on any vertex")
+        raise ConfigurationError(
+            f"no vertex of the part '{weight.on}' has a value",
+            advice="Name regions or feature points that the mesh has there.",
+        )
     # A vertex in two regions, such as a corner of the mouth in both lips, takes the mean.
     values = totals[vertices][known] / counts[vertices][known]
-    triangles = mesh.triangles[skin.triangles.start : skin.triangles.stop] - skin.vertices.start
-    share[vertices] = interpolated(mesh.vertices[vertices], triangles, known, values)
+    if weight.on not in bending:
+        triangles = mesh.triangles[part.triangles.start : part.triangles.stop]
+        bending[weight.on] = BendingEnergy.of(mesh.vertices[vertices], triangles - vertices.start)
+    share[vertices] = bending[weight.on].least(known, values)
     return share

@@ -169,9 +169,9 @@ def evaluate(compiled: CompiledRig, parameters: FloatArray) -> FloatArray:
         elif kind == Kind.FIELD:
             vertices += value * compiled.fields[operation]
         elif kind == Kind.SCALING:
-            vertices = centre + (1.0 + value * weight * vector) * (vertices - centre)
+            vertices += value * weight * vector * (vertices - centre)
         else:
-            vertices = centre + _rotated(vertices - centre, vector, value * weight)
+            vertices += _turn(vertices - centre, vector, value * weight)
     return vertices
 
 
@@ -207,22 +207,26 @@ def evaluate_jacobian(
             vertices += value * compiled.fields[operation]
             jacobian[index] += compiled.fields[operation]
         elif kind == Kind.SCALING:
-            factors = 1.0 + value * weight * vector
             own = weight * vector * (vertices - centre)
-            vertices = centre + factors * (vertices - centre)
-            jacobian *= factors
+            vertices += value * own
+            jacobian *= 1.0 + value * weight * vector
             jacobian[index] += own
         else:
-            vertices = centre + _rotated(vertices - centre, vector, value * weight)
-            jacobian = _rotated(jacobian, vector, value * weight)
+            vertices += _turn(vertices - centre, vector, value * weight)
+            jacobian += _turn(jacobian, vector, value * weight)
             jacobian[index] += weight * np.cross(vector, vertices - centre)
     return vertices, np.moveaxis(jacobian, 0, 2)
 
 
-def _rotated(points: FloatArray, vector: FloatArray, amounts: FloatArray) -> FloatArray:
-    """Points turned by `amounts` times a rotation vector (Rodrigues' formula)."""
+def _turn(points: FloatArray, vector: FloatArray, amounts: FloatArray) -> FloatArray:
+    """How far `amounts` times a rotation vector moves points (Rodrigues' formula).
+
+    The displacement, not the place, so that a vertex of no weight stays where it is to the bit.
+    """
     angle = float(np.linalg.norm(vector))
+    if angle == 0.0:
+        return np.zeros_like(points)
     axis = vector / angle
-    cosine, sine = np.cos(amounts * angle), np.sin(amounts * angle)
-    along = np.sum(points * axis, axis=-1, keepdims=True) * axis
-    return np.asarray(along + cosine * (points - along) + sine * np.cross(axis, points))
+    across = points - np.sum(points * axis, axis=-1, keepdims=True) * axis
+    sine, half = np.sin(amounts * angle), np.sin(amounts * angle / 2)
+    return np.asarray(sine * np.cross(axis, points) - 2.0 * half * half * across)

@@ -2,168 +2,83 @@
 
 A rig file names the mesh it is for, tells where the feature points and regions of that mesh are
 (the built-in head has its own), and lists weights and transforms. ``extends = "parke"`` takes the
-parameters, weights and transforms of the shipped rig, so that a mesh of one's own needs only its
-feature points and regions.
+parameters, weights and transforms of the shipped rig, so that a mesh of one's own needs only the
+places they hang on. This is a complete file for a mesh of one's own::
+
+    extends = "parke"
+    mesh = "my_face.obj"
+    scale = 1000            # the mesh is in metres
+
+    [feature_points]        # vertex numbers, or positions in mm whose nearest vertex is taken
+    8.1 = 1041              # upper lip, middle of its outer border
+    8.2 = 1187              # lower lip, middle of its outer border
+    8.3 = [25, 0, 90]       # left corner of the mouth (the speaker's left, +x)
+    8.4 = [-25, 0, 90]      # right corner of the mouth
+    2.1 = 2203              # bottom of the chin
+    2.2 = 1050              # upper lip, middle of its inner border, where the lips touch
+    2.3 = 1190              # lower lip, middle of its inner border
+
+    [points]
+    jaw_joint = [0, 30, 5]  # between the ears; not needed with 10.7, 10.8, 10.9, 10.10
+
+    [regions]
+    upper_lip = { near = "8.1", within = 12 }
+    lower_lip = { vertices = [1187, 1188, [1190, 1215]] }
+
+The two regions are the red of the lips, their corners included or not. The lips must be two sheets
+that meet at the corners only: where they share vertices all along, a mouth cannot open. If the
+file of the mesh holds several objects, say which is which: ``[parts]`` with ``skin = "Head"``, and
+``teeth_lower``, ``gums_lower``, ``tongue``, which go with the jaw. More feature points (8.5 to
+8.8, 2.4 to 2.9, 2.13, 2.14) and regions (``chin``, ``nose``, ``forehead``, ``scalp``,
+``upper_lip_skin``, ``lower_lip_skin``, ``mouth_bag_upper``, ``mouth_bag_lower``) make the shares
+of the skin more exact; all are read where the mesh has them. What a file gives itself under
+``[parameters]``, ``[weights.NAME]``, ``[points]`` or ``[follow]`` takes the place of the shipped
+entry of that name; ``[[transforms]]`` takes the place of all shipped ones, and then
+``[parameters]`` does too.
 """
 
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
-from scipy import sparse
-from scipy.sparse.csgraph import dijkstra
+from pydantic import BeforeValidator, Field, Strict, ValidationError, model_validator
 
 from mocap_fit.errors import ConfigurationError
-from mocap_fit.face.mesh import IndexArray, Mesh
+from mocap_fit.face.mesh import Mesh, Part
+from mocap_fit.face.rig_tables import (
+    AnyPoint,
+    Number,
+    Region,
+    Strictly,
+    Transform,
+    Vector,
+    Weight,
+    check_vertex,
+)
 from mocap_fit.tracks import FloatArray
 
-Vector = tuple[float, float, float]
+# A feature point given as a position is at most this part of the mesh's extent away from it.
+_NEAR_THE_MESH = 0.1
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+def _number_or_position(value: Any) -> Any:
+    if type(value) is int and value >= 0:
+        return value
+    if isinstance(value, list) and [type(v) in (int, float) for v in value] == [True] * 3:
+        return value
+    raise ValueError("give a vertex number, or a position [x, y, z]")
 
 
-class Point(_Strict):
-    """A place on a mesh: the mean of feature points, and an offset in millimetres from it."""
-
-    at: tuple[str, ...] = ()
-    offset: Vector = (0.0, 0.0, 0.0)
-
-    def position(self, mesh: Mesh, scale: float) -> FloatArray:
-        """Where it is on the mesh, `(3,)`; the offset is scaled to the mesh."""
-        where = scale * np.asarray(self.offset, dtype=np.float64)
-        if self.at:
-            where += mesh.vertices[[mesh.feature_point(name) for name in self.at]].mean(axis=0)
-        return where
+VertexOrPosition = Annotated[int | Vector, BeforeValidator(_number_or_position)]
 
 
-def _point(value: Any) -> Any:
-    if isinstance(value, str):
-        return {"at": [value]}
-    if isinstance(value, list) and value and all(isinstance(item, str) for item in value):
-        return {"at": value}
-    if isinstance(value, dict) and isinstance(value.get("at"), str):
-        return {**value, "at": [value["at"]]}
-    return value
-
-
-AnyPoint = Annotated[Point, BeforeValidator(_point)]
-
-
-class Constraint(_Strict):
-    """Vertices at which a weight field has a known value.
-
-    Optional regions are passed over where the mesh does not have them.
-    """
-
-    value: float = Field(ge=0, le=1)
-    regions: tuple[str, ...] = ()
-    optional_regions: tuple[str, ...] = ()
-    feature_points: tuple[str, ...] = ()
-
-    def members(self, mesh: Mesh) -> IndexArray:
-        """Indices of the vertices, unique."""
-        points = np.array([mesh.feature_point(n) for n in self.feature_points], dtype=np.int64)
-        there = [name for name in self.optional_regions if mesh.has_region(name)]
-        regions = [mesh.region(name) for name in (*self.regions, *there)]
-        return np.unique(np.concatenate([points, *regions]))
-
-
-class Weight(_Strict):
-    """The share of a transform that each vertex takes.
-
-    Either a falloff round a centre (1 within the plateau's part of the radii), or a smooth field
-    through known values; then multiplied by other weights (or one minus them), and set on whole
-    parts, those that the mesh has.
-    """
-
-    on: str = "skin"
-    centre: AnyPoint | None = None
-    radii: Vector | None = None
-    plateau: float = Field(default=0.0, ge=0, lt=1)
-    values: tuple[Constraint, ...] = ()
-    multiply: tuple[str, ...] = ()
-    parts: dict[str, float] = {}
-
-    @model_validator(mode="after")
-    def _one_kind(self) -> Weight:
-        if bool(self.values) == (self.centre is not None and self.radii is not None):
-            raise ValueError("give either centre and radii, or values")
-        if self.radii is not None and min(self.radii) <= 0:
-            raise ValueError("radii must be above 0")
-        return self
-
-
-_NEEDED = {
-    "translation": ("by",),
-    "rotation": ("axis", "degrees", "centre"),
-    "scaling": ("factors", "centre"),
-}
-
-
-class Transform(_Strict):
-    """One weighted transform, driven by one parameter."""
-
-    parameter: str
-    kind: Literal["translation", "rotation", "scaling"]
-    weight: str
-    by: Vector | None = None
-    axis: Vector | None = None
-    degrees: float = 0.0
-    factors: Vector | None = None
-    centre: AnyPoint | None = None
-
-    @model_validator(mode="after")
-    def _complete(self) -> Transform:
-        needed: dict[str, object] = {
-            "by": self.by,
-            "axis": self.axis,
-            "degrees": self.degrees,
-            "factors": self.factors,
-            "centre": self.centre,
-        }
-        missing = [name for name in _NEEDED[self.kind] if not needed[name]]
-        if missing:
-            raise ValueError(f"a {self.kind} needs {', '.join(missing)}")
-        if self.axis is not None and not any(self.axis):
-            raise ValueError("the axis has no direction")
-        return self
-
-
-class Region(_Strict):
-    """A set of vertices of a mesh of one's own.
-
-    Its members are listed (``vertices``: numbers, or pairs for ranges that include their ends),
-    or a whole part, or what lies within a distance of a feature point along the surface.
-    """
-
-    vertices: tuple[int | tuple[int, int], ...] = ()
-    part: str | None = None
-    near: str | None = None
-    within: float = 0.0
-
-    def members(self, mesh: Mesh) -> IndexArray:
-        """Indices of the vertices."""
-        found = [np.zeros(0, dtype=np.int64)]
-        for item in self.vertices:
-            first, last = (item, item) if isinstance(item, int) else item
-            found.append(np.arange(first, last + 1))
-        if self.part is not None:
-            extent = mesh.part(self.part).vertices
-            found.append(np.arange(extent.start, extent.stop))
-        if self.near is not None:
-            distance = surface_distance(mesh, mesh.feature_point(self.near))
-            found.append(np.flatnonzero(distance <= self.within))
-        return np.unique(np.concatenate(found))
-
-
-class RigFile(_Strict):
+class RigFile(Strictly):
     """A whole rig file.
 
     Parameters
@@ -171,17 +86,21 @@ class RigFile(_Strict):
     kind
         Which registered rig reads it.
     extends
-        A shipped rig whose parameters, weights and transforms are taken over where the file
-        gives none.
+        A shipped rig whose parameters, weights, points and transforms are taken over where the
+        file gives none.
     mesh
         The mesh, a path beside the file; the built-in head when left out.
     scale, axes
         How to bring the mesh to millimetres and to the head frame; see `read_mesh`.
     mouth_width
-        The lengths in the file are for a face whose mouth corners (8.3, 8.4) are this far apart,
-        in millimetres, and are scaled to the mesh.
+        The lengths of weights and transforms are for a face whose mouth corners (8.3, 8.4) are
+        this far apart, in millimetres, and are scaled to the mesh.
+    parts
+        Part → what the mesh calls it, such as ``skin = "Head"``. An only part is the skin.
     feature_points
         Where the mesh has them: a vertex number, or a position whose nearest vertex is taken.
+    points
+        Named places that weights and transforms can be at, on the mesh or off it.
     regions
         Named sets of vertices.
     parameters
@@ -191,38 +110,65 @@ class RigFile(_Strict):
     follow
         Region → region: vertices that take all the weights of the nearest vertex there; passed
         over where the mesh does not have the first.
+    settings
+        What a rig of another kind reads.
     """
 
     kind: str = "parke"
     extends: str | None = None
     mesh: str | None = None
-    scale: float = Field(default=1.0, gt=0)
+    scale: Annotated[float, Strict(), Field(gt=0)] = 1.0
     axes: str | None = None
-    mouth_width: float = Field(default=50.0, gt=0)
-    feature_points: dict[str, int | Vector] = {}
-    regions: dict[str, Region] = {}
-    parameters: dict[str, tuple[float, float]] = {}
-    weights: dict[str, Weight] = {}
+    mouth_width: Annotated[float, Strict(), Field(gt=0)] = 50.0
+    parts: dict[str, str] = Field(default_factory=dict)
+    feature_points: dict[str, VertexOrPosition] = Field(default_factory=dict)
+    points: dict[str, AnyPoint] = Field(default_factory=dict)
+    regions: dict[str, Region] = Field(default_factory=dict)
+    parameters: dict[str, tuple[Number, Number]] = Field(default_factory=dict)
+    weights: dict[str, Weight] = Field(default_factory=dict)
     transforms: tuple[Transform, ...] = ()
-    follow: dict[str, str] = {}
+    follow: dict[str, str] = Field(default_factory=dict)
+    settings: dict[str, Any] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _consistent(self) -> RigFile:
         for name, (lower, upper) in self.parameters.items():
             if not lower <= 0 < upper:
-                raise ValueError(f"the bounds of '{name}' must hold 0 and leave room above it")
+                raise ValueError(f"parameters.{name}: bounds must hold 0 and leave room above it")
+        if self.extends is not None:
+            # What it names may be in the other file; the two are checked together.
+            return self
+        above: list[str] = []
+        for name, weight in self.weights.items():
+            for other, _ in weight.factors():
+                if other not in above:
+                    raise ValueError(
+                        f"weights.{name}.multiply: there is no weight '{other}' above this one; "
+                        f"those above are {', '.join(above) or 'none'}"
+                    )
+            above.append(name)
         for i, transform in enumerate(self.transforms):
-            if self.parameters and transform.parameter not in self.parameters:
-                raise ValueError(f"transform {i + 1} names no parameter: '{transform.parameter}'")
-        unmoved = set(self.parameters) - {t.parameter for t in self.transforms}
+            for what, names in (("parameter", list(self.parameters)), ("weight", above)):
+                if getattr(transform, what) not in names:
+                    raise ValueError(
+                        f"transforms.{i}.{what}: there is no {what} '{getattr(transform, what)}'; "
+                        f"there are {', '.join(names) or 'none'}"
+                    )
+        unmoved = [p for p in self.parameters if p not in {t.parameter for t in self.transforms}]
         if self.transforms and unmoved:
-            raise ValueError(f"no transform is driven by {', '.join(sorted(unmoved))}")
+            raise ValueError(f"parameters.{unmoved[0]}: no transform is driven by it")
         return self
 
     def scale_on(self, mesh: Mesh) -> float:
-        """Length on the mesh of one millimetre of the file."""
-        corners = mesh.vertices[[mesh.feature_point("8.3"), mesh.feature_point("8.4")]]
-        width = float(np.linalg.norm(corners[0] - corners[1]))
+        """Length on the mesh of one millimetre of the file.
+
+        Raises
+        ------
+        ConfigurationError
+            If the corners of the mouth are not a mouth's width apart, or not left and right.
+        """
+        left, right = (mesh.vertices[mesh.feature_point(name)] for name in ("8.3", "8.4"))
+        width = float(np.linalg.norm(left - right))
         if not 1.0 < width < 1000.0:
             raise ConfigurationError(
                 "the mouth corners 8.3 and 8.4 of the mesh are not a mouth's width apart",
@@ -230,30 +176,137 @@ class RigFile(_Strict):
                 expected=f"about {self.mouth_width:g} mm",
                 advice="Check the feature points, and the scale that brings the mesh to mm.",
             )
+        if left[0] - right[0] < 0.7 * width:
+            raise ConfigurationError(
+                "the mouth corner 8.3 is not to the left of 8.4, the speaker's left, which is +x",
+                found=f"8.3 at {np.round(left, 1).tolist()}, 8.4 at {np.round(right, 1).tolist()}",
+                advice="Check the feature points, and the axes that turn the mesh.",
+            )
         return width / self.mouth_width
 
+    def places(self, mesh: Mesh, scale: float) -> dict[str, FloatArray]:
+        """Where the named points are on the mesh, those that it has the feature points for."""
+        return {
+            name: point.on(mesh, scale, {})
+            for name, point in self.points.items()
+            if all(other in mesh.feature_points for other in point.at)
+        }
+
+    def check_on(self, mesh: Mesh) -> None:
+        """Refuse a mesh that lacks what the rig needs.
+
+        Raises
+        ------
+        ConfigurationError
+            Naming everything that is missing, each with the first place that needs it.
+        """
+        missing: dict[str, list[str]] = {}
+        for (kind, name), place in self._needs(mesh).items():
+            known = mesh.feature_points if kind == "feature point" else mesh.regions
+            part_there = any(part.name == name for part in mesh.parts)
+            if name not in known and not (kind in ("region", "part") and part_there):
+                missing.setdefault(kind, []).append(f"{name} (for {place})")
+        if missing:
+            lists = [
+                f"{kind}{'s' if len(names) > 1 else ''} {', '.join(names)}"
+                for kind, names in missing.items()
+            ]
+            raise ConfigurationError(
+                f"the mesh lacks what the rig needs: {'; '.join(lists)}",
+                found=f"a mesh of {', '.join(part.name for part in mesh.parts)}",
+                advice="Say where they are, in [feature_points], [points], [regions] or [parts].",
+            )
+
+    def _needs(self, mesh: Mesh) -> dict[tuple[str, str], str]:
+        """Kind and name of what must be on the mesh → the first place that needs it."""
+        needs: dict[tuple[str, str], str] = {}
+
+        def need(kind: str, names: tuple[str, ...], place: str) -> None:
+            for name in names:
+                if kind == "feature point" and name in self.points:
+                    need(kind, self.points[name].at, f"points.{name}")
+                else:
+                    needs.setdefault((kind, name), place)
+
+        need("feature point", ("8.3", "8.4"), "mouth_width")
+        for name, weight in self.weights.items():
+            need("part", (weight.on,), f"weights.{name}.on")
+            if weight.centre is not None:
+                need("feature point", weight.centre.at, f"weights.{name}.centre")
+            for i, constraint in enumerate(weight.values):
+                place = f"weights.{name}.values.{i}"
+                need("region", constraint.regions, place)
+                need("feature point", constraint.feature_points, place)
+                for point in (constraint.below, constraint.above, constraint.behind):
+                    need("feature point", () if point is None else point.at, place)
+        for i, transform in enumerate(self.transforms):
+            if transform.centre is not None:
+                need("feature point", transform.centre.at, f"transforms.{i}.centre")
+        for follower, leader in self.follow.items():
+            if mesh.has_region(follower):
+                need("region", (leader,), f"follow.{follower}")
+        return needs
+
     def named(self, mesh: Mesh) -> Mesh:
-        """The mesh with the feature points and regions of this file added."""
+        """The mesh with the parts, feature points and regions of this file.
+
+        Raises
+        ------
+        ConfigurationError
+            If one of them is not on the mesh, with the place in the file.
+        """
+        parts = self._named_parts(mesh)
         points = dict(mesh.feature_points)
+        extent = float(np.ptp(mesh.vertices, axis=0).max())
         for name, where in self.feature_points.items():
-            if isinstance(where, int):
-                points[name] = where
-            else:
+            with at_place(f"feature_points.{name}"):
+                if isinstance(where, int):
+                    check_vertex(where, mesh)
+                    points[name] = where
+                    continue
                 distance = np.linalg.norm(mesh.vertices - np.asarray(where), axis=1)
                 points[name] = int(np.argmin(distance))
-        mesh = Mesh(mesh.vertices, mesh.triangles, mesh.parts, mesh.regions, points, mesh.colours)
-        regions = {name: region.members(mesh) for name, region in self.regions.items()}
-        empty = [name for name, members in regions.items() if members.size == 0]
-        if empty:
-            raise ConfigurationError(f"the region '{empty[0]}' of the rig file holds no vertex")
-        return Mesh(
-            mesh.vertices,
-            mesh.triangles,
-            mesh.parts,
-            {**mesh.regions, **regions},
-            points,
-            mesh.colours,
+                if distance[points[name]] > _NEAR_THE_MESH * extent:
+                    raise ConfigurationError(
+                        "the position is not on the mesh",
+                        found=f"{distance[points[name]]:.3g} mm from the nearest vertex",
+                        advice="Give it in mm, after scale and axes are applied.",
+                    )
+        regions = dict(mesh.regions)
+        bare = Mesh(mesh.vertices, mesh.triangles, parts, regions, points, mesh.colours)
+        for name, region in self.regions.items():
+            with at_place(f"regions.{name}"):
+                regions[name] = region.members(bare)
+                if regions[name].size == 0:
+                    raise ConfigurationError("the region holds no vertex")
+        return Mesh(mesh.vertices, mesh.triangles, parts, regions, points, mesh.colours)
+
+    def _named_parts(self, mesh: Mesh) -> tuple[Part, ...]:
+        for name, theirs in self.parts.items():
+            with at_place(f"parts.{name}"):
+                mesh.part(theirs)
+        new_names = {theirs: name for name, theirs in self.parts.items()}
+        if len(mesh.parts) == 1 and not self.parts:
+            new_names = {mesh.parts[0].name: "skin"}
+        return tuple(
+            Part(new_names.get(p.name, p.name), p.vertices, p.triangles, p.material)
+            for p in mesh.parts
         )
+
+
+@contextmanager
+def at_place(place: str) -> Iterator[None]:
+    """Say in errors where in the rig file the fault is."""
+    try:
+        yield
+    except ConfigurationError as error:
+        raise ConfigurationError(
+            f"the rig file is wrong at {place}: {error.problem}",
+            path=error.path,
+            found=error.found,
+            expected=error.expected,
+            advice=error.advice,
+        ) from None
 
 
 def read_rig_file(path: str | Path) -> RigFile:
@@ -265,61 +318,80 @@ def read_rig_file(path: str | Path) -> RigFile:
         If it cannot be read, is not TOML, or contradicts itself; the message says where.
     """
     name = str(path)
+    content = _content(name)
+    rig_file = _validated(content, name)
+    if rig_file.extends is None:
+        return rig_file
+    if rig_file.extends not in shipped_rigs():
+        raise ConfigurationError(
+            "the rig file is wrong at extends: there is no shipped rig of that name",
+            path=name,
+            found=rig_file.extends,
+            expected=f"one of {', '.join(shipped_rigs())}",
+        )
+    base = _content(rig_file.extends)
+    tables = {"weights", "points", "follow"}
+    # Transforms of its own are driven by parameters of its own.
+    tables |= set() if "transforms" in content else {"parameters"}
+    merged = {**base, **content}
+    merged |= {key: {**base.get(key, {}), **content.get(key, {})} for key in tables}
+    del merged["extends"]
+    return _validated(merged, name)
+
+
+def _content(name: str) -> dict[str, Any]:
     try:
         if name in shipped_rigs():
             text = resources.files("mocap_fit.face").joinpath(f"{name}.toml").read_text("utf-8")
         else:
-            text = Path(path).read_text("utf-8")
+            text = Path(name).read_text("utf-8")
         content = tomllib.loads(text)
-    except (OSError, UnicodeDecodeError) as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ConfigurationError("the rig file is not TOML", path=name, found=error) from None
+    except (OSError, ValueError) as error:
         raise ConfigurationError(
             "the rig file cannot be read",
             path=name,
             found=error,
             advice=f"Give a TOML file, or one of the shipped rigs: {', '.join(shipped_rigs())}.",
         ) from None
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigurationError("the rig file is not TOML", path=name, found=error) from None
+    points = content.get("feature_points")
+    if isinstance(points, dict):
+        # TOML reads 8.3 = 17 as a table 8 that holds 3 = 17.
+        content["feature_points"] = {
+            f"{group}.{key}" if isinstance(value, dict) else group: item
+            for group, value in points.items()
+            for key, item in (value.items() if isinstance(value, dict) else [("", value)])
+        }
+    return content
+
+
+def _validated(content: dict[str, Any], path: str) -> RigFile:
     try:
-        rig_file = RigFile.model_validate(content)
+        return RigFile.model_validate(content)
     except ValidationError as error:
         first = error.errors()[0]
+        problem = first["msg"].removeprefix("Value error, ")
+        place = _place(content, first["loc"])
         raise ConfigurationError(
-            f"the rig file is wrong at {'.'.join(map(str, first['loc'])) or 'its top'}",
-            path=name,
-            found=first["msg"],
+            f"the rig file is wrong at {place}{': ' if place else ''}{problem}", path=path
         ) from None
-    if rig_file.extends is not None:
-        if rig_file.extends not in shipped_rigs():
-            raise ConfigurationError(
-                "the rig file extends a rig that is not shipped",
-                path=name,
-                found=rig_file.extends,
-                expected=f"one of {', '.join(shipped_rigs())}",
-            )
-        base = read_rig_file(rig_file.extends)
-        own = {key: getattr(rig_file, key) for key in rig_file.model_fields_set}
-        rig_file = base.model_copy(update={**own, "weights": {**base.weights, **rig_file.weights}})
-    if not rig_file.transforms or not rig_file.parameters:
-        raise ConfigurationError(
-            "the rig file has no parameters or no transforms",
-            path=name,
-            advice='Add them, or take the shipped ones with extends = "parke".',
-        )
-    return rig_file
+
+
+def _place(content: Any, location: tuple[int | str, ...]) -> str:
+    """The keys that lead to a fault, without what pydantic adds to them."""
+    kept = []
+    for item in location:
+        if isinstance(content, dict):
+            kept.append(str(item))
+            content = content.get(str(item))
+        elif isinstance(content, list) and isinstance(item, int) and item < len(content):
+            kept.append(str(item))
+            content = content[item]
+    return ".".join(kept)
 
 
 def shipped_rigs() -> tuple[str, ...]:
     """Names of the rigs that come with the package."""
     files = resources.files("mocap_fit.face").iterdir()
     return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
-
-
-def surface_distance(mesh: Mesh, vertex: int) -> FloatArray:
-    """Distance of every vertex from one of them along the edges, `(vertices,)`, millimetres."""
-    edges = np.concatenate([mesh.triangles[:, [i, (i + 1) % 3]] for i in range(3)])
-    edges = np.unique(np.sort(edges, axis=1), axis=0)
-    lengths = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
-    count = len(mesh.vertices)
-    graph = sparse.csr_matrix((lengths, (edges[:, 0], edges[:, 1])), shape=(count, count))
-    return np.asarray(dijkstra(graph, directed=False, indices=vertex))
