@@ -200,8 +200,12 @@ def _draw(
     labels = {"squares": "least squares", "distances": "sum of distances"}
     results = {labels[objective]: result for objective, result in errors.items()}
     pictures: dict[str, tuple[Any, ...]] = {
-        "tracks.png": (figures.track_figure, shown),
-        "tracks_other_head.png": (figures.track_figure, other),
+        "tracks.png": (figures.track_figure, shown, "the built-in head"),
+        "tracks_other_head.png": (
+            figures.track_figure,
+            other,
+            "a head of other size and proportions",
+        ),
         "residuals.png": (figures.residual_figure, shown),
         "accuracy.png": (figures.accuracy_figure, results, CONDITIONS.noise),
         "head_motion.png": (figures.head_figure, shown),

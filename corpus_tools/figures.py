@@ -71,8 +71,16 @@ def save(path: Path, draw: Callable[..., Figure], *arguments: Any) -> None:
         partial.unlink(missing_ok=True)
 
 
-def track_figure(recording: FittedRecording) -> Figure:
-    """Every parameter over time: truth, fit, and two standard deviations round the fit."""
+def track_figure(recording: FittedRecording, speaker: str = "") -> Figure:
+    """Every parameter over time: truth, fit, and two standard deviations round the fit.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    speaker
+        Whose it is, for the title.
+    """
     fit, truth = recording.fit.parameters, recording.truth
     times, count = truth.times, len(truth.names)
     columns = 2
@@ -118,7 +126,8 @@ def track_figure(recording: FittedRecording) -> Figure:
     for spare in axes[:rows].ravel()[count:]:
         spare.axis("off")
     figure.supylabel("parameter (0 rest, 1 full gesture)", fontsize=9)
-    _title(figure, f"Face parameters of the recording {truth.name}: truth and fit")
+    of_whom = f" of {speaker}" if speaker else ""
+    _title(figure, f"Face parameters of the recording {truth.name}{of_whom}: truth and fit")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     if not recording.motion.known.all():
         handles.append(_patch(_RED, 0.25))

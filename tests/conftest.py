@@ -20,3 +20,15 @@ def data_folder() -> Path:
 def rng() -> np.random.Generator:
     """A generator with a fixed seed."""
     return np.random.default_rng(20260101)
+
+
+@pytest.fixture(scope="session")
+def drawing() -> None:
+    """Faces can be drawn here; the test is skipped where they cannot."""
+    from mocap_fit.errors import MissingExtraError
+    from mocap_fit.render import require_off_screen
+
+    try:
+        require_off_screen()
+    except MissingExtraError as error:
+        pytest.skip(str(error))

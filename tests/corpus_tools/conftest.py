@@ -1,0 +1,53 @@
+"""A small simulated session that the tests of the commands share."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from corpus_tools import cli
+
+
+@dataclass(frozen=True)
+class Folder:
+    """A folder that `mocap-fit simulate` wrote."""
+
+    path: Path
+    layout: str = "face30-head5"
+
+    @property
+    def reference(self) -> Path:
+        return self.path / "reference.tsv"
+
+    @property
+    def recordings(self) -> list[Path]:
+        return sorted((self.path / "recordings").iterdir())
+
+    @property
+    def truth(self) -> list[Path]:
+        return sorted((self.path / "truth" / "tracks").iterdir())
+
+    @property
+    def poses(self) -> list[Path]:
+        return sorted((self.path / "truth" / "head").iterdir())
+
+
+def simulated(path: Path, *options: object) -> Folder:
+    given = [str(option) for option in options]
+    if "--duration" not in given:
+        given += ["--duration", "0.5"]
+    assert cli.main(["simulate", str(path), *given]) == 0
+    return Folder(path)
+
+
+@pytest.fixture(scope="session")
+def simulate() -> Callable[..., Folder]:
+    """Run the command: a folder and options; half a second a recording where not told otherwise."""
+    return simulated
+
+
+@pytest.fixture(scope="session")
+def session(tmp_path_factory) -> Folder:
+    """Two recordings of half a second; not to be changed."""
+    return simulated(tmp_path_factory.mktemp("simulated") / "session", "--utterances", 2)
