@@ -23,7 +23,7 @@ from mocap_fit.face.mesh import IndexArray
 from mocap_fit.tracks import FloatArray
 
 # The fill stops this far (mm) below the crown, where the unrolled plane would tear.
-_BELOW_CROWN = 9.0
+_BELOW_CROWN = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,8 +259,8 @@ def _whole(
     both = np.concatenate([triangles, other[triangles][:, ::-1]])
     kinds = np.array(half.kinds)[used]
     kinds = np.concatenate([kinds, kinds[~middle]])
-    smooth = smoothed(*_where_to_smooth(vertices, both, kinds))
-    smooth = smoothed(smooth, both, _nose_smoothing(smooth, kinds) + 0.25 * (kinds == "ear"), 3)
+    corners, light = _smoothing(vertices, kinds)
+    smooth = smoothed(smoothed(vertices, both, corners, 14), both, light, 3)
     points = smooth[:count].copy()
     points[middle, 0] = 0.0
     place = np.full((count, 2), np.nan)
@@ -280,16 +280,11 @@ def _whole(
     )
 
 
-def _where_to_smooth(
-    vertices: FloatArray, triangles: IndexArray, kinds: NDArray[np.str_]
-) -> tuple[FloatArray, IndexArray, FloatArray, int]:
-    """The corners of the mouth, where rings crowd together, and the crown, where sections end."""
+def _smoothing(vertices: FloatArray, kinds: NDArray[np.str_]) -> tuple[FloatArray, FloatArray]:
+    """How much to smooth the corners of the mouth; and, lightly, the nose, the ears, the crown."""
     x, y, z = np.abs(vertices[:, 0]), vertices[:, 1], vertices[:, 2]
-    around = bump(x, y, (26.5, 0.5), (3.2, 3.2)) * (z > 60)
-    around *= np.isin(kinds, ["fill", "skin", "border"])
-    return vertices, triangles, 0.6 * around + 0.5 * smoothstep((y - 140) / 20), 14
-
-
-def _nose_smoothing(vertices: FloatArray, kinds: NDArray[np.str_]) -> FloatArray:
-    x, y, z = np.abs(vertices[:, 0]), vertices[:, 1], vertices[:, 2]
-    return np.asarray(0.35 * bump(x, y, (9, 27), (8, 7)) * (z > 85) * (kinds == "fill"))
+    corners = 0.6 * bump(x, y, (26.5, 0.5), (3.2, 3.2)) * (z > 60)
+    corners *= np.isin(kinds, ["fill", "skin", "border"])
+    light = 0.35 * bump(x, y, (9, 27), (8, 7)) * (z > 85) * (kinds == "fill")
+    light += 0.25 * (kinds == "ear") + 0.15 * (y > 165)
+    return corners, light
