@@ -9,7 +9,7 @@ places they hang on. This is a complete file for a mesh of one's own::
     mesh = "my_face.obj"
     scale = 1000            # the mesh is in metres
 
-    [feature_points]        # vertex numbers, or positions in mm whose nearest vertex is taken
+    [feature_points]        # vertex numbers from 0, or positions in mm (nearest vertex)
     8.1 = 1041              # upper lip, middle of its outer border
     8.2 = 1187              # lower lip, middle of its outer border
     8.3 = [25, 0, 90]       # left corner of the mouth (the speaker's left, +x)

@@ -1,0 +1,180 @@
+"""Weights: exact where known, smooth between, along the surface."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mocap_fit.errors import ConfigurationError
+from mocap_fit.face import Rig, load_face
+from mocap_fit.face.weights import falloff, interpolated
+
+
+def sheet(columns: int = 21, rows: int = 11, size: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
+    """A flat sheet of triangles whose diagonals mirror about the middle column."""
+    x, y = np.meshgrid(np.arange(columns), np.arange(rows))
+    vertices = np.stack([x, y, np.zeros_like(x)], axis=2).reshape(-1, 3) * size
+    vertices[:, 0] -= (columns - 1) * size / 2
+    triangles = []
+    for row in range(rows - 1):
+        for column in range(columns - 1):
+            a = row * columns + column
+            b, c, d = a + 1, a + columns, a + columns + 1
+            if column < (columns - 1) / 2:
+                triangles += [[a, b, c], [b, d, c]]
+            else:
+                triangles += [[a, b, d], [a, d, c]]
+    return vertices, np.array(triangles)
+
+
+class TestFalloff:
+    def test_one_at_the_centre_half_way_and_nothing_outside(self) -> None:
+        points = np.array([[0.0, 0, 0], [5, 0, 0], [10, 0, 0], [0, 10, 0], [0, 19.9, 0]])
+        weights = falloff(points, np.zeros(3), np.array([10.0, 20.0, 5.0]))
+        np.testing.assert_allclose(weights[:4], [1, 0.5, 0, 0.5], atol=1e-15)
+        assert 0 < weights[4] < 1e-3
+
+    def test_a_plateau_is_flat(self) -> None:
+        points = np.array([[0.0, 0, 0], [2, 0, 0], [3.99, 0, 0], [4.5, 0, 0]])
+        weights = falloff(points, np.zeros(3), np.full(3, 10.0), plateau=0.4)
+        assert weights[:3].tolist() == [1, 1, 1]
+        assert 0.9 < weights[3] < 1
+
+    @given(
+        st.lists(st.floats(-30, 30), min_size=3, max_size=3),
+        st.floats(0, 0.9),
+        st.floats(0.01, 0.99),
+    )
+    def test_it_falls_along_every_ray(
+        self, direction: list[float], plateau: float, share: float
+    ) -> None:
+        ray = np.linspace(0, 1, 20)[:, None] * np.array(direction)
+        weights = falloff(ray, np.zeros(3), np.array([25.0, 15.0, 20.0 * share + 1]), plateau)
+        assert weights[0] == 1
+        assert (np.diff(weights) <= 1e-15).all()
+        assert ((weights >= 0) & (weights <= 1)).all()
+
+
+class TestInterpolated:
+    def test_it_takes_the_values_it_is_given(self, rng: np.random.Generator) -> None:
+        vertices, triangles = sheet()
+        known = rng.choice(len(vertices), 20, replace=False)
+        values = rng.uniform(0, 1, 20)
+        field = interpolated(vertices, triangles, known, values)
+        np.testing.assert_array_equal(field[known], values)
+        assert ((field >= 0) & (field <= 1)).all()
+
+    def test_the_same_input_gives_the_same_bytes(self) -> None:
+        vertices, triangles = sheet()
+        known, values = np.array([0, 115, 230]), np.array([0.0, 1.0, 0.3])
+        once, again = (interpolated(vertices, triangles, known, values) for _ in range(2))
+        assert once.tobytes() == again.tobytes()
+
+    def test_one_value_everywhere(self) -> None:
+        vertices, triangles = sheet()
+        known, values = np.array([0, 40, 99]), np.full(3, 0.7)
+        np.testing.assert_allclose(interpolated(vertices, triangles, known, values), 0.7)
+
+    def test_it_is_symmetric_on_a_symmetric_mesh(self) -> None:
+        vertices, triangles = sheet()
+        mirror = np.arange(len(vertices)).reshape(11, 21)[:, ::-1].ravel()
+        known = np.array([10, 0, 20, 5 * 21 + 3, 5 * 21 + 17, 10 * 21 + 10])
+        values = np.array([1.0, 0, 0, 0.6, 0.6, 0.2])
+        field = interpolated(vertices, triangles, known, values)
+        np.testing.assert_allclose(field, field[mirror], atol=1e-10)
+
+    def test_it_has_no_jump_and_no_crease(self) -> None:
+        vertices, triangles = sheet(41, 11, 1.0)
+        columns = vertices[:, 0].round().astype(int)
+        known = np.flatnonzero(np.abs(columns) >= 15)
+        field = interpolated(vertices, triangles, known, (columns[known] > 0).astype(float))
+        edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+        # A straight ramp would climb 1/30 an edge; a smooth one at most half as much again.
+        assert np.abs(np.diff(field[edges], axis=1)).max() < 1.7 / 30
+        middle = field.reshape(11, 41)[5]
+        assert np.abs(np.diff(middle, 2)).max() < 0.01
+
+    def test_values_do_not_jump_across_a_slit(self) -> None:
+        """Two sheets that touch everywhere but hang together at one end only."""
+        vertices, triangles = sheet(21, 3)
+        upper = vertices.copy()
+        lower = vertices * [1, -1, 1]
+        both = np.concatenate([upper, lower])
+        other = triangles[:, ::-1] + len(upper)
+        # They share the corner at the left end of the slit.
+        other[other == len(upper)] = 0
+        field = interpolated(
+            both,
+            np.concatenate([triangles, other]),
+            np.array([20, len(upper) + 20]),
+            np.array([0.0, 1.0]),
+        )
+        touching = np.arange(10, 21)
+        assert (field[touching + len(upper)] - field[touching]).min() > 0.2
+
+    def test_a_piece_with_no_known_vertex_is_left_alone(self) -> None:
+        vertices, triangles = sheet()
+        both = np.concatenate([vertices, vertices + np.array([0, 0, 50])])
+        field = interpolated(
+            both,
+            np.concatenate([triangles, triangles + len(vertices)]),
+            np.array([3, 77]),
+            np.array([1.0, 0.4]),
+        )
+        assert (field[len(vertices) :] == 0).all()
+        assert field[: len(vertices)].min() >= 0.1
+
+    def test_vertices_without_triangles_and_slivers_do_no_harm(self) -> None:
+        vertices, triangles = sheet()
+        sliver = [0, 1, len(vertices)]
+        both = np.concatenate([vertices, vertices[:1] + np.array([1e-9, 1e-9, 0]), [[500.0, 0, 0]]])
+        field = interpolated(
+            both, np.concatenate([triangles, [sliver]]), np.array([5, 200]), np.array([1.0, 0])
+        )
+        assert np.isfinite(field).all()
+        assert field[-1] == 0
+
+    def test_all_known_is_all_there_is(self) -> None:
+        vertices, triangles = sheet(3, 3)
+        values = np.linspace(0, 1, 9)
+        np.testing.assert_array_equal(
+            interpolated(vertices, triangles, np.arange(9), values), values
+        )
+
+    def test_no_known_vertex_is_refused(self) -> None:
+        vertices, triangles = sheet()
+        with pytest.raises(ConfigurationError, match="no vertex of known value"):
+            interpolated(vertices, triangles, np.zeros(0, dtype=int), np.zeros(0))
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return load_face()
+
+
+class TestOnTheBuiltInHead:
+    def test_the_seam_of_the_lips_parts_the_jaw_weight(self, rig: Rig) -> None:
+        """Neighbours in space at the seam, but the lower one goes with the jaw."""
+        opened = rig.jacobian(np.zeros(10))[:, 1, 0]
+        mesh = rig.mesh
+        for upper, lower in (("2.2", "2.3"), ("2.6", "2.8"), ("2.7", "2.9")):
+            up, down = mesh.feature_point(upper), mesh.feature_point(lower)
+            assert np.linalg.norm(mesh.vertices[up] - mesh.vertices[down]) < 0.5
+            assert opened[down] - opened[up] < -15
+
+    def test_the_jaw_weight_has_no_step_on_the_skin(self, rig: Rig) -> None:
+        mesh = rig.mesh
+        skin = mesh.part("skin").triangles
+        triangles = mesh.triangles[skin.start : skin.stop]
+        edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+        # What the shift of the jaw moves is the jaw's weight itself, times 8 mm.
+        share = rig.jacobian(np.zeros(10))[:, 0, 9] / 8.0
+        ends = mesh.vertices[edges]
+        away = np.linalg.norm(ends.mean(axis=1) - mesh.vertices[mesh.feature_points["8.3"]], axis=1)
+        right = np.linalg.norm(
+            ends.mean(axis=1) - mesh.vertices[mesh.feature_points["8.4"]], axis=1
+        )
+        length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+        slope = np.abs(np.diff(share[edges], axis=1)[:, 0]) / np.maximum(length, 0.5)
+        # The corners of the mouth are where 0 and 1 meet; elsewhere the skin stretches gently.
+        assert slope[(away > 12) & (right > 12)].max() < 0.12
