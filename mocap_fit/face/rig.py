@@ -135,7 +135,10 @@ def checked_parameters(values: ArrayLike, names: tuple[str, ...]) -> FloatArray:
             expected=f"({len(names)},): {', '.join(names)}",
         )
     if not np.isfinite(array).all():
-        raise DataError(f"the face parameter {names[int(np.argmin(np.isfinite(array)))]} is NaN")
+        wrong = int(np.argmin(np.isfinite(array)))
+        raise DataError(
+            f"the face parameter {names[wrong]} is not a finite number", found=array[wrong]
+        )
     return array
 
 

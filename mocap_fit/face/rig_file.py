@@ -70,9 +70,12 @@ _NEAR_THE_MESH = 0.1
 def _number_or_position(value: Any) -> Any:
     if type(value) is int and value >= 0:
         return value
-    if isinstance(value, list) and [type(v) in (int, float) for v in value] == [True] * 3:
+    if (
+        isinstance(value, list)
+        and [type(v) in (int, float) and np.isfinite(v) for v in value] == [True] * 3
+    ):
         return value
-    raise ValueError("give a vertex number, or a position [x, y, z]")
+    raise ValueError("give a vertex number, or a position [x, y, z] of finite numbers")
 
 
 VertexOrPosition = Annotated[int | Vector, BeforeValidator(_number_or_position)]
