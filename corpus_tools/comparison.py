@@ -122,7 +122,12 @@ class Accuracy:
 
 
 def accuracy(
-    recordings: Sequence[FittedRecording], binding: Binding, noise: float, *, bounded: bool = True
+    recordings: Sequence[FittedRecording],
+    binding: Binding,
+    noise: float,
+    *,
+    bounded: bool = True,
+    pose_given: bool = False,
 ) -> Accuracy:
     """Errors over all frames of recordings of one speaker.
 
@@ -137,6 +142,8 @@ def accuracy(
     bounded
         Give the Cramér-Rao bound too. It holds where the face that is fitted is the face that
         made the data.
+    pose_given
+        The true pose of the head was given to the fit, and not found from its markers.
     """
     names = binding.parameter_names
     errors = np.concatenate([r.fit.parameters.values - r.truth.values for r in recordings])
@@ -144,7 +151,9 @@ def accuracy(
     true = np.concatenate([r.truth.values for r in recordings])
     bounds = np.full((len(errors), len(names)), np.nan)
     if bounded:
-        bounds = np.concatenate([parameter_bounds(r, binding, noise) for r in recordings])
+        bounds = np.concatenate(
+            [parameter_bounds(r, binding, noise, pose_given=pose_given) for r in recordings]
+        )
     # A parameter that no visible marker determines has no bound, and its error says nothing.
     uncertain = np.concatenate([r.fit.parameters.uncertain for r in recordings])
     used = np.isfinite(errors) & ~uncertain
@@ -171,11 +180,14 @@ def accuracy(
     )
 
 
-def parameter_bounds(recording: FittedRecording, binding: Binding, noise: float) -> FloatArray:
+def parameter_bounds(
+    recording: FittedRecording, binding: Binding, noise: float, *, pose_given: bool = False
+) -> FloatArray:
     """Cramér-Rao bound on the parameters of every frame, as a standard deviation.
 
     From the Jacobian of the visible markers at the true parameters, propagated through the
-    head's pose as the visible reference markers determine it (`mocap_fit.fitting.precision`).
+    head's pose as the visible reference markers determine it (`mocap_fit.fitting.precision`),
+    unless the pose was given.
 
     Returns
     -------
@@ -191,6 +203,8 @@ def parameter_bounds(recording: FittedRecording, binding: Binding, noise: float)
     head_seen[:, there] = recording.recording.visible[
         :, recording.recording.indices([n for n in binding.head_names if n in names])
     ]
+    if pose_given:
+        head_seen[:] = False
     sigma = noise * binding.orientation.scale
     for frame in np.flatnonzero(recording.motion.known):
         positions, jacobian = binding.evaluate(recording.truth.values[frame])

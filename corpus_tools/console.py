@@ -15,9 +15,10 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from enum import IntEnum
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mocap_fit.errors import MocapFitError, MocapFitWarning
+from mocap_fit.errors import ConfigurationError, MocapFitError, MocapFitWarning
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -117,6 +118,40 @@ def describe_error(error: BaseException) -> str:
     if isinstance(error, MemoryError):
         return "there is not enough memory. Take fewer or shorter recordings at a time."
     return str(error)
+
+
+def located(error: MocapFitError, path: str | os.PathLike[str]) -> MocapFitError:
+    """Give an error the file that it is about, where it names none."""
+    if error.path is not None:
+        return error
+    return type(error)(
+        error.problem,
+        path=path,
+        line=error.line,
+        frame=error.frame,
+        found=error.found,
+        expected=error.expected,
+        advice=error.advice,
+    )
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder, and those that it is in, where they are not there yet.
+
+    Raises
+    ------
+    ConfigurationError
+        If a file is in the way, or it may not be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(
+            "the folder cannot be made",
+            path=path,
+            found="a file of that name" if path.is_file() else error.strerror,
+            advice="Give the name of another folder.",
+        ) from None
 
 
 def say(text: str) -> None:

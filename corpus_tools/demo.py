@@ -43,7 +43,13 @@ report.json   the errors, for programs
 _OURS = (_README, "report.json", "figures", *_SESSIONS)
 
 
-def run(out: Path, *, seed: int = 0, as_json: bool = False) -> Status:
+def run(
+    out: Path,
+    *,
+    seed: int = 0,
+    conditions: simulate.Conditions = CONDITIONS,
+    as_json: bool = False,
+) -> Status:
     """Simulate, fit, compare with the truth, and draw.
 
     Parameters
@@ -52,6 +58,8 @@ def run(out: Path, *, seed: int = 0, as_json: bool = False) -> Status:
         A new or empty folder, or that of a former demo, which is replaced.
     seed
         The same seed gives the same numbers.
+    conditions
+        What the simulated sessions are like.
     as_json
         Print the report as JSON on stdout.
 
@@ -63,7 +71,7 @@ def run(out: Path, *, seed: int = 0, as_json: bool = False) -> Status:
     _make_room(out)
     # Without a way to draw, we say so before the long work begins.
     can_draw = _can_draw()
-    _simulate(out, seed)
+    _simulate(out, seed, conditions)
     speakers = {
         session: Speaker.load(out / session / "reference.tsv", LAYOUT, "built-in")
         for session in _SESSIONS
@@ -74,7 +82,7 @@ def run(out: Path, *, seed: int = 0, as_json: bool = False) -> Status:
             objective: accuracy(
                 recordings,
                 speakers[session].binding,
-                CONDITIONS.noise,
+                conditions.noise,
                 bounded=_SESSIONS[session][1] is None,
             )
             for objective, recordings in by_objective.items()
@@ -84,32 +92,29 @@ def run(out: Path, *, seed: int = 0, as_json: bool = False) -> Status:
     report = {
         "seed": seed,
         "layout": LAYOUT,
-        "noise_mm": CONDITIONS.noise,
-        "drop_outs": CONDITIONS.drop_outs,
+        "noise_mm": conditions.noise,
+        "drop_outs": conditions.drop_outs,
         "unit": "% of a full gesture, which is 1.0 of a parameter",
         "sessions": {
             session: {objective: result.to_dict() for objective, result in results.items()}
             for session, results in errors.items()
         },
     }
-    pictures = _draw(out / "figures", fits, speakers, errors["same_head"], can_draw=can_draw)
+    pictures = _draw(
+        out / "figures", fits, speakers, errors["same_head"], conditions.noise, can_draw=can_draw
+    )
     _write_text(out / "report.json", console.json_text(report) + "\n")
     if as_json:
         console.print_json({**report, "figures": pictures, "report": out / "report.json"})
     else:
-        _show(errors, pictures, out)
+        _show(errors, pictures, out, conditions)
     return Status.DONE
 
 
 def _make_room(out: Path) -> None:
     """Take away what a former demo left; a folder of anything else is refused."""
-    if out.exists() and not out.is_dir():
-        raise ConfigurationError(
-            "the demo needs a folder, and this is a file",
-            path=str(out),
-            advice="Give another name with --out.",
-        )
-    if out.is_dir() and any(out.iterdir()):
+    console.make_folder(out)
+    if any(out.iterdir()):
         notice = out / _README
         if not notice.is_file() or not notice.read_bytes().startswith(_FIRST_LINE.encode()):
             raise ConfigurationError(
@@ -123,7 +128,7 @@ def _make_room(out: Path) -> None:
                 shutil.rmtree(old)
             elif name != _README:
                 old.unlink(missing_ok=True)
-    (out / "figures").mkdir(parents=True, exist_ok=True)
+    console.make_folder(out / "figures")
     # First of all, so that a demo that was stopped can be replaced too.
     _write_text(out / _README, _TEXT)
 
@@ -143,7 +148,7 @@ def _can_draw() -> bool:
     return True
 
 
-def _simulate(out: Path, seed: int) -> None:
+def _simulate(out: Path, seed: int, conditions: simulate.Conditions) -> None:
     total = sum(count for count, _ in _SESSIONS.values())
     with console.progress("simulating recordings", total) as advance:
         for i, (session, (count, head)) in enumerate(_SESSIONS.items()):
@@ -152,7 +157,7 @@ def _simulate(out: Path, seed: int) -> None:
                 utterances=count,
                 seed=seed + i,
                 layout=LAYOUT,
-                conditions=CONDITIONS,
+                conditions=conditions,
                 head=head,
                 progress=lambda _: advance(),
             )
@@ -191,6 +196,7 @@ def _draw(
     fits: Fits,
     speakers: dict[str, Speaker],
     errors: dict[Objective, Accuracy],
+    noise: float,
     *,
     can_draw: bool,
 ) -> list[Path]:
@@ -207,7 +213,7 @@ def _draw(
             "a head of other size and proportions",
         ),
         "residuals.png": (figures.residual_figure, shown),
-        "accuracy.png": (figures.accuracy_figure, results, CONDITIONS.noise),
+        "accuracy.png": (figures.accuracy_figure, results, noise),
         "head_motion.png": (figures.head_figure, shown),
     }
     if can_draw:
@@ -224,14 +230,19 @@ def _draw(
     return [folder / name for name in pictures]
 
 
-def _show(errors: dict[str, dict[Objective, Accuracy]], pictures: list[Path], out: Path) -> None:
+def _show(
+    errors: dict[str, dict[Objective, Accuracy]],
+    pictures: list[Path],
+    out: Path,
+    conditions: simulate.Conditions,
+) -> None:
     screen = console.screen()
     own, other = errors["same_head"], errors["other_head"]
     squares, distances = own["squares"], own["distances"]
     screen.print(
         f"Simulated: {distances.frames} frames of the built-in head and {other['squares'].frames} "
-        f"of another head; 30 face and 5 head markers, noise {CONDITIONS.noise:g} mm, "
-        f"{CONDITIONS.drop_outs:.0%} drop-outs, the head moving."
+        f"of another head; 30 face and 5 head markers, noise {conditions.noise:g} mm, "
+        f"{conditions.drop_outs:.0%} drop-outs, the head moving."
     )
     screen.print("", _parameter_table(squares, distances, other["distances"]), "", sep="\n")
     screen.print(

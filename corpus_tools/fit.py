@@ -13,7 +13,7 @@ import numpy as np
 from corpus_tools import console
 from corpus_tools.console import Status
 from mocap_fit.errors import ConfigurationError, DataError, MocapFitError
-from mocap_fit.face import load_face
+from mocap_fit.face import load_face, parameters_from
 from mocap_fit.fitting import (
     Binding,
     Layout,
@@ -24,9 +24,11 @@ from mocap_fit.fitting import (
     load_layout,
 )
 from mocap_fit.fitting.objective import Objective
+from mocap_fit.fitting.orientation import reference_pose
 from mocap_fit.head import HeadMotion, match_size, remove_head_motion
 from mocap_fit.io import READERS, read_tracks
 from mocap_fit.tracks import MarkerTracks, write_parquet
+from mocap_fit.tracks.rigid import refusal
 
 
 @dataclass(frozen=True)
@@ -75,10 +77,17 @@ class Speaker:
                 advice="Choose the layout that it was recorded with, or correct the names.",
             )
         try:
+            parameters_from(markers.reference_parameters, rig.parameter_names)
+        except DataError as error:
+            raise console.located(error, layout) from None
+        try:
+            _check_head(markers, pose)
             orientation = fit_orientation(rig, markers, pose)
             binding = bind_markers(rig, markers, pose, orientation)
         except DataError as error:
-            raise located(error, reference) from None
+            raise console.located(error, reference) from None
+        except ConfigurationError as error:
+            raise console.located(error, layout) from None
         return cls(markers, pose, binding, Path(face).name)
 
     def fit(
@@ -114,19 +123,21 @@ class Speaker:
         return result, motion
 
 
-def located(error: MocapFitError, path: Path) -> MocapFitError:
-    """Give an error the file that it is about, where it names none."""
-    if error.path is not None:
-        return error
-    return type(error)(
-        error.problem,
-        path=str(path),
-        line=error.line,
-        frame=error.frame,
-        found=error.found,
-        expected=error.expected,
-        advice=error.advice,
-    )
+def _check_head(layout: Layout, reference: MarkerTracks) -> None:
+    """Refuse a reference pose that tells no head pose, once and not for every recording."""
+    places = reference_pose(reference)
+    names = [m.name for m in layout.head_markers]
+    reason = None
+    if names:
+        unseen = np.full(3, np.nan)
+        reason = refusal(np.array([places.get(name, unseen) for name in names]))
+    if reason is not None:
+        raise DataError(
+            "the head's pose cannot be told from the head markers in the reference pose",
+            found=reason,
+            expected=f"three or more of {', '.join(names)}, not on a line",
+            advice="Record the reference pose with all head markers in view.",
+        )
 
 
 def expand(paths: Sequence[Path]) -> list[Path]:
@@ -206,7 +217,7 @@ def run(
     """
     files = expand(recordings)
     speaker = Speaker.load(reference, layout, face)
-    out.mkdir(parents=True, exist_ok=True)
+    console.make_folder(out)
     options = options or Options()
     rows: list[dict[str, Any]] = []
     status = Status.DONE
@@ -215,7 +226,7 @@ def run(
             try:
                 row = _fit_file(file, speaker, options, out / f"{file.stem}.parquet")
             except (MocapFitError, OSError) as error:
-                told = located(error, file) if isinstance(error, MocapFitError) else error
+                told = console.located(error, file) if isinstance(error, MocapFitError) else error
                 console.report(told)
                 row = {"recording": file.stem, "file": file, "error": console.describe_error(told)}
                 status = Status.BAD_DATA

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 
+from corpus_tools import console
 from corpus_tools.console import Status
-from mocap_fit.errors import ConfigurationError
+from mocap_fit.errors import ConfigurationError, MocapFitError
 from mocap_fit.face import Mesh, Rig, load_face
 from mocap_fit.fitting import Binding, Layout, Orientation, bind_markers, load_layout
 from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks, PoseTracks, write_parquet
@@ -192,9 +193,7 @@ class Session:
             ],
             axis=1,
         )
-        order = [
-            (*self.binding.names, *self.binding.head_names).index(n) for n in self.still.names
-        ]
+        order = [(*self.binding.names, *self.binding.head_names).index(n) for n in self.still.names]
         recording = self._seen(
             markers[:, order], pose, rng, drop_outs=conditions.drop_outs, name=name
         )
@@ -338,7 +337,7 @@ def run(
     from mocap_fit.face.builtin import built_in_head, reshape_head
     from mocap_fit.io import write_qualisys_tsv
 
-    if out.exists() and any(out.iterdir()):
+    if out.is_dir() and any(out.iterdir()):
         raise ConfigurationError(
             "the folder for the simulation is not empty",
             path=str(out),
@@ -347,10 +346,13 @@ def run(
     face = load_face()
     if head:
         face = load_face(mesh=reshape_head(built_in_head(), **head))
-    session = Session(load_layout(layout), face, conditions)
+    try:
+        session = Session(load_layout(layout), face, conditions)
+    except MocapFitError as error:
+        raise console.located(error, layout) from None
     folders = [out / "recordings", out / "truth" / "tracks", out / "truth" / "head"]
-    for folder in folders:
-        folder.mkdir(parents=True, exist_ok=True)
+    for folder in (out, *folders):
+        console.make_folder(folder)
     generators = np.random.default_rng(seed).spawn(utterances + 1)
     write_qualisys_tsv(session.reference(generators[0]), out / "reference.tsv")
     width = max(3, len(str(utterances)))
