@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from mocap_fit.errors import ConfigurationError
-from mocap_fit.face import Rig, load_face, parameters_from
+from mocap_fit.face import CompiledRig, Rig, load_face, parameters_from
 from mocap_fit.face.builtin import built_in_head, reshape_head
 from mocap_fit.face.mesh import IndexArray, Mesh
 from mocap_fit.face.parke import ParkeRig
+from mocap_fit.face.rig import Kind, checked_parameters, evaluate, evaluate_jacobian
 from mocap_fit.fitting import (
     Binding,
     Layout,
@@ -94,6 +95,25 @@ class TestBuiltIn:
 
 
 class TestForeignMesh:
+    def test_what_a_file_must_give_is_nearly_enough(self) -> None:
+        """The few points and regions of the rig file's docstring, on the built-in head."""
+        whole = load_face()
+        head = whole.mesh
+        kept = ("8.1", "8.2", "8.3", "8.4", "2.1", "2.2", "2.3", "10.7", "10.8", "10.9", "10.10")
+        bare = Mesh(
+            head.vertices,
+            head.triangles,
+            head.parts,
+            {name: head.region(name) for name in ("upper_lip", "lower_lip")},
+            {name: head.feature_point(name) for name in kept},
+        )
+        little = load_face(mesh=bare)
+        middle = (np.abs(head.vertices[:, 0]) < 30) & (head.vertices[:, 2] > 60)
+        for gesture in np.eye(10):
+            apart = np.linalg.norm(whole.deform(gesture) - little.deform(gesture), axis=1)
+            size = np.linalg.norm(whole.deform(gesture) - head.vertices, axis=1).max()
+            assert apart[middle].mean() < 0.02 * size
+
     def test_the_script_makes_the_same_file(self, tmp_path: Path) -> None:
         spec = importlib.util.spec_from_file_location("make_mask", FACES / "make_mask.py")
         assert spec is not None
@@ -175,6 +195,40 @@ class Callback:
         return None
 
 
+class Blendshapes:
+    """Four gestures of another rig as displacements that add up."""
+
+    parameter_names = ("open", "round", "stretch", "raise")
+    bounds = np.array([[0.0, 1.0]] * 4)
+
+    def __init__(self, rig: Rig) -> None:
+        self.mesh = rig.mesh
+        rest, gestures = rig.mesh.vertices, np.eye(10)[[0, 1, 6, 3]]
+        fields = np.array([rig.deform(gesture) - rest for gesture in gestures])
+        nothing = np.zeros((4, 3))
+        self._compiled = CompiledRig(
+            np.arange(len(rest)),
+            rest,
+            np.full(4, Kind.FIELD, dtype=np.int64),
+            np.arange(4),
+            np.zeros((4, len(rest))),
+            nothing,
+            nothing,
+            fields,
+            4,
+        )
+
+    def deform(self, parameters: np.ndarray) -> np.ndarray:
+        return evaluate(self._compiled, checked_parameters(parameters, self.parameter_names))
+
+    def jacobian(self, parameters: np.ndarray) -> np.ndarray:
+        values = checked_parameters(parameters, self.parameter_names)
+        return evaluate_jacobian(self._compiled, values)[1]
+
+    def compile(self, vertex_ids: IndexArray) -> CompiledRig:
+        return self._compiled.take(vertex_ids)
+
+
 def layout_on(mesh: Mesh) -> tuple[Layout, dict[str, np.ndarray]]:
     """Markers on the mask, 2 mm above it, and where they are at rest."""
     strategic = ("8.3", "8.4", "8.1", "2.1")
@@ -231,6 +285,13 @@ class TestFitOnForeignMesh:
         np.testing.assert_allclose(fit.parameters.values, truth, atol=2e-4)
         assert fit.parameters.names == mask.parameter_names
         assert fit.parameters.residuals.max() < 1e-3
+
+    def test_blendshapes_are_fitted_like_any_rig(self, mask: Rig) -> None:
+        rig = Blendshapes(mask)
+        binding, truth = tied(rig), smooth_truth(rig)
+        fit = fit_shape(binding, recording(binding, truth), objective="squares")
+        np.testing.assert_allclose(fit.parameters.values, truth, atol=2e-4)
+        assert fit.parameters.names == rig.parameter_names
 
     def test_a_rig_that_is_called_back_gives_the_same_answers(self, mask: Rig) -> None:
         compiled, called = tied(mask), tied(Callback(mask))

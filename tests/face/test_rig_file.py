@@ -9,6 +9,7 @@ import pytest
 
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.face import Mesh, load_face
+from mocap_fit.face import rig_file as rig_file_module
 from mocap_fit.face.parke import ParkeRig
 from mocap_fit.face.rig_file import read_rig_file, shipped_rigs
 from mocap_fit.face.rig_tables import Point, surface_distance
@@ -365,6 +366,16 @@ class TestWhatIsTaken:
         quoted = written(tmp_path, '[feature_points]\n"8.1" = 3\n"8.10" = 4\n"2.1" = [1, 2, 3]')
         assert one == read_rig_file(quoted).feature_points
         assert one == {"8.1": 3, "8.10": 4, "2.1": (1, 2, 3)}
+
+    def test_the_example_of_the_docstring_is_a_rig_file(self, tmp_path: Path) -> None:
+        lines = (rig_file_module.__doc__ or "").splitlines()
+        example = "\n".join(line[4:] for line in lines if line.startswith("    "))
+        rig_file = read_rig_file(written(tmp_path, example))
+        assert rig_file.feature_points["8.3"] == (25, 0, 90)
+        assert rig_file.regions["lower_lip"].vertices == (1187, 1188, (1190, 1215))
+        mask = load_face(FACES / "mask.toml").mesh
+        needed = {name for kind, name in rig_file._needs(mask) if kind != "part"}
+        assert needed == {*rig_file.feature_points, *rig_file.regions}
 
     def test_one_entry_can_be_changed_and_the_others_stay(self, tmp_path: Path) -> None:
         path = written(
