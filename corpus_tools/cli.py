@@ -11,7 +11,8 @@ imported when the command is called, so that ``mocap-fit --help`` answers at onc
         raise typer.Exit(command.run(recordings, as_json=as_json))
 
 `run` returns a `Status` and raises `MocapFitError` for bad data. A call that makes no sense is
-`typer.BadParameter`, raised here. `console.guarded` turns all of it into exit statuses.
+`typer.BadParameter`, raised here. `console.guarded` turns all of it into exit statuses. Paths have
+``readable=False``: a file that may not be read is bad data, and typer would call it a wrong call.
 """
 
 from __future__ import annotations
@@ -86,7 +87,10 @@ def _program(
 @app.command()
 def demo(
     out: Annotated[
-        Path, typer.Option(help="A new folder, or that of a former demo, which is replaced.")
+        Path,
+        typer.Option(
+            help="A new folder, or that of a former demo, which is replaced.", readable=False
+        ),
     ] = Path("mocap-fit-demo"),
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same numbers.")] = 0,
     as_json: AsJson = False,
@@ -100,7 +104,8 @@ def demo(
 @app.command()
 def info(
     files: Annotated[
-        list[Path], typer.Argument(metavar="FILE", help="Recordings in any known format.")
+        list[Path],
+        typer.Argument(metavar="FILE", help="Recordings in any known format.", readable=False),
     ],
     as_json: AsJson = False,
 ) -> None:
@@ -114,13 +119,18 @@ def info(
 def fit(
     recordings: Annotated[
         list[Path],
-        typer.Argument(metavar="RECORDING", help="Recordings: files, folders or patterns."),
+        typer.Argument(
+            metavar="RECORDING", help="Recordings: files, folders or patterns.", readable=False
+        ),
     ],
     reference: Annotated[
-        Path, typer.Option(help="A recording of the reference pose: face at rest, lips closed.")
+        Path,
+        typer.Option(
+            help="A recording of the reference pose: face at rest, lips closed.", readable=False
+        ),
     ],
     layout: Annotated[str, typer.Option(help="The marker layout: a shipped name, or a TOML file.")],
-    out: Annotated[Path, typer.Option(help="The folder for OUT/ID.parquet.")],
+    out: Annotated[Path, typer.Option(help="The folder for OUT/ID.parquet.", readable=False)],
     face: Annotated[str, typer.Option(help="The face: built-in, or a rig file.")] = "built-in",
     objective: Annotated[
         str, typer.Option(help="What is minimised: distances, squares or huber.")
@@ -158,7 +168,7 @@ def fit(
 
 @app.command()
 def simulate(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="A new folder.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="A new folder.", readable=False)],
     utterances: Annotated[int, typer.Option(min=1, help="How many recordings.")] = 10,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same files.")] = 0,
     layout: Annotated[

@@ -222,7 +222,8 @@ def screen() -> Console:
         def on_broken_pipe(self) -> None:  # rich would end with the status of bad data
             raise ReaderGoneError
 
-    return Screen()
+    # Names of files and markers are shown as they are, whatever brackets and colons they hold.
+    return Screen(markup=False, emoji=False)
 
 
 @contextlib.contextmanager

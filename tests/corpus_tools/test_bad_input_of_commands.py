@@ -636,7 +636,7 @@ def test_what_the_user_may_not_touch(build, desk, capsys):
     assert not list(desk.out.iterdir())
 
 
-@pytest.mark.parametrize("case", ["recording: binary", "layout: unknown name", "face: not TOML"])
+@pytest.mark.parametrize("case", ["recording: binary", "layout: unknown name"])
 def test_the_installed_program(case, desk):
     program = shutil.which("mocap-fit", path=str(Path(sys.executable).parent))
     if program is None:

@@ -199,6 +199,16 @@ class TestWhatIsShown:
         assert str(tmp_path) in shown.out
         assert "fitting recordings: 2 of 2" in shown.err
 
+    def test_a_name_is_shown_as_it_is(self, session, tmp_path, capsys, monkeypatch):
+        monkeypatch.setenv("COLUMNS", "100")
+        recording = tmp_path / "[bold]a [red]b.tsv"
+        recording.write_bytes(session.recordings[0].read_bytes())
+        out = tmp_path / "[link] out"
+        assert fit(session, out, recording) == 0
+        shown = capsys.readouterr().out
+        assert "[bold]a [red]b" in shown
+        assert str(out) in shown
+
     def test_many_recordings_are_summed_up(self, session, tmp_path, capsys):
         folder = tmp_path / "many"
         folder.mkdir()
@@ -245,7 +255,9 @@ class TestHow:
         assert step.arguments["objective"] == objective
         assert root_errors(session, tmp_path).max() < 0.16
 
-    @pytest.mark.parametrize("solver", ["LD_LBFGS", "LN_PRAXIS"])
+    @pytest.mark.parametrize(
+        "solver", ["LD_LBFGS", pytest.param("LN_PRAXIS", marks=pytest.mark.slow)]
+    )
     def test_solvers(self, solver, session, fitted, tmp_path):
         """Another way to the same answer."""
         recording = session.recordings[0]
