@@ -52,6 +52,7 @@ from pydantic import BeforeValidator, Field, Strict, ValidationError, model_vali
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.face.mesh import Mesh, Part
 from mocap_fit.face.rig_tables import (
+    LARGEST,
     AnyPoint,
     Number,
     Region,
@@ -70,10 +71,8 @@ _NEAR_THE_MESH = 0.1
 def _number_or_position(value: Any) -> Any:
     if type(value) is int and value >= 0:
         return value
-    if (
-        isinstance(value, list)
-        and [type(v) in (int, float) and np.isfinite(v) for v in value] == [True] * 3
-    ):
+    numbers = isinstance(value, list) and [type(item) in (int, float) for item in value]
+    if numbers == [True] * 3 and all(abs(item) <= LARGEST for item in value):
         return value
     raise ValueError("give a vertex number, or a position [x, y, z] of finite numbers")
 
@@ -122,7 +121,7 @@ class RigFile(Strictly):
     mesh: str | None = None
     scale: Annotated[float, Strict(), Field(gt=0)] = 1.0
     axes: str | None = None
-    mouth_width: Annotated[float, Strict(), Field(gt=0)] = 50.0
+    mouth_width: Annotated[float, Strict(), Field(ge=1, le=1000)] = 50.0
     parts: dict[str, str] = Field(default_factory=dict)
     feature_points: dict[str, VertexOrPosition] = Field(default_factory=dict)
     points: dict[str, AnyPoint] = Field(default_factory=dict)

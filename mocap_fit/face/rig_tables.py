@@ -14,7 +14,9 @@ from mocap_fit.errors import ConfigurationError
 from mocap_fit.face.mesh import IndexArray, Mesh
 from mocap_fit.tracks import FloatArray
 
-Number = Annotated[float, Strict()]
+# No length, angle or factor of a face is larger; beyond, arithmetic overflows.
+LARGEST = 1e6
+Number = Annotated[float, Strict(), Field(ge=-LARGEST, le=LARGEST)]
 Share = Annotated[float, Strict(), Field(ge=0, le=1)]
 Vector = tuple[Number, Number, Number]
 Places = Mapping[str, FloatArray]

@@ -63,6 +63,10 @@ def refused(folder: Path, text: str) -> str:
 
 
 VALUES = '[{ value = 1, feature_points = "8.3" }, { value = 0, feature_points = "8.4" }]'
+ODD_VALUES = (
+    "0", "-1", "2", "1e300", "nan", "1" + 400 * "0", "true", '""', '"x\\ny"', '"8.1"', "[]", "{}",
+    "[1, 2, 3]", '["8.1"]', "{ at = [] }", "[[]]", "2020-01-01", "{ a = { b = 1 } }",
+)  # fmt: skip
 MASK = (FACES / "mask.toml").read_text(encoding="utf-8")
 
 
@@ -319,6 +323,23 @@ class TestRefusals:
     def test_the_files_are_right_before_they_are_made_wrong(self, tmp_path: Path) -> None:
         assert load_face(written(tmp_path, PLANE)).parameter_names == ("open",)
         assert len(load_face(written(tmp_path, MASK)).parameter_names) == 10
+
+    @pytest.mark.parametrize("text", [MASK, PLANE], ids=["mask", "plane"])
+    def test_any_line_may_hold_anything(self, text: str, tmp_path: Path) -> None:
+        lines = text.splitlines()
+        taken, messages = 0, []
+        for i, line in enumerate(lines):
+            key, equals, _ = line.partition(" = ")
+            for value in ODD_VALUES if equals else []:
+                changed = [*lines[:i], f"{key} = {value}", *lines[i + 1 :]]
+                path = written(tmp_path, "\n".join(changed))
+                try:
+                    load_face(path)
+                    taken += 1
+                except ConfigurationError as error:
+                    messages.append(str(error))
+        assert [m for m in messages if "\n" in m or not m.startswith(str(path))] == []
+        assert len(messages) > 5 * taken > 0
 
     @pytest.mark.parametrize(
         ("content", "says"),
