@@ -195,7 +195,7 @@ class RigFile(Strictly):
         }
 
     def check_on(self, mesh: Mesh) -> None:
-        """Refuse a mesh that lacks what the rig needs.
+        """Refuse a mesh that lacks what the rig needs, or whose lips cannot open.
 
         Raises
         ------
@@ -217,6 +217,14 @@ class RigFile(Strictly):
                 f"the mesh lacks what the rig needs: {'; '.join(lists)}",
                 found=f"a mesh of {', '.join(part.name for part in mesh.parts)}",
                 advice="Say where they are, in [feature_points], [points], [regions] or [parts].",
+            )
+        upper, lower = (mesh.feature_points.get(name) for name in ("2.2", "2.3"))
+        if upper is not None and upper == lower:
+            raise ConfigurationError(
+                "the feature points 2.2 and 2.3 are one vertex, but upper and lower lip are two "
+                "sheets",
+                found=f"vertex {upper}",
+                advice="Cut the mesh open between the lips, from corner to corner.",
             )
 
     def _needs(self, mesh: Mesh) -> dict[tuple[str, str], str]:

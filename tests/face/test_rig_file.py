@@ -110,6 +110,7 @@ WRONG_MASKS = {
         "not on the mesh",
     ),
     "point missing": ("8.2 = 189\n", "", "", r"lacks .*feature point 8\.2 \(for weights\.below"),
+    "lips sewn up": ("2.3 = 77", "2.3 = 63", "", "2.2 and 2.3 are one vertex"),
     "corners coincide": ("[-24, 0, 83]", "56", "", "mouth's width apart .*found 0 mm"),
     "corners swapped": ("8.3 = 56\n8.4 = [-24, 0, 83]", "8.3 = 70\n8.4 = 56", "", "to the left"),
     "no joint": (
