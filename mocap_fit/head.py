@@ -220,6 +220,13 @@ def _check_sizes(names: Sequence[str], shape: FloatArray, positions: FloatArray)
     ratio = float(np.median(ratios))
     if 1 / _LARGEST_RATIO <= ratio <= _LARGEST_RATIO:
         return
+    if ratio == 0:
+        raise DataError(
+            "the reference markers are all in one place in the recording",
+            found="distances of 0 mm between them",
+            expected=f"about {np.median(expected):.3g} mm, as in the reference pose",
+            advice="Check the export of the recording, and the marker names.",
+        )
     advice = "Check that both are of the same speaker and in millimetres."
     for factor, unit in ((1000.0, "metres"), (100.0, "decimetres"), (10.0, "centimetres")):
         for value, what in ((1 / ratio, "recording"), (ratio, "reference pose")):

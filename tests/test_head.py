@@ -333,6 +333,10 @@ def of_a_giant(recording, reference):
     return recording.replace(positions=recording.positions * 3), reference
 
 
+def collapsed(recording, reference):
+    return recording.replace(positions=np.zeros_like(recording.positions)), reference
+
+
 def never_three(recording, reference):
     gone = np.zeros((recording.frames, 9), dtype=bool)
     gone[::3, :3] = True
@@ -362,6 +366,7 @@ def unseen_in_reference(recording, reference):
         (reference_in_metres, r"1000 times.*reference pose is in metres"),
         (in_centimetres, r"0\.1 times.*recording is in centimetres"),
         (of_a_giant, r"3 times.*same speaker"),
+        (collapsed, r"all in one place in the recording.*found distances of 0 mm"),
         (never_three, r"no frame shows three.*at most 2"),
         (all_missing, "too few reference markers"),
         (other_names, "too few reference markers.*found none.*Check the marker names"),

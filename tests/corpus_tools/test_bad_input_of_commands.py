@@ -593,7 +593,7 @@ def assert_refused(desk, arguments, words, capsys):
 
 
 # Faults that are known, with their reason; a case that is mended must leave the list.
-KNOWN_FAULTS = {"recording: all markers in one place": "head._check_sizes divides by a ratio of 0"}
+KNOWN_FAULTS: dict[str, str] = {}
 
 
 @pytest.mark.parametrize(
