@@ -23,7 +23,11 @@ _MAGIC = b"PAR1"
 
 def sniff(path: str | os.PathLike[str]) -> bool:
     """Whether the file is Parquet that mocap-fit wrote."""
-    return read_head(path, 4) == _MAGIC and storage.is_tracks_file(path)
+    try:
+        return read_head(path, 4) == _MAGIC and storage.is_tracks_file(path)
+    except UnicodeDecodeError:
+        # A damaged description: `read` says so.
+        return False
 
 
 def read(
@@ -59,14 +63,12 @@ def read(
     try:
         tracks = storage.read_parquet(file)
     except MocapFitError as error:
+        if isinstance(error.found, Exception):
+            # The words of the library underneath tell a user nothing.
+            raise _damaged(path) from None
         raise error if error.path is not None else recording.with_path(error, file) from None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise FileFormatError(
-            "the file is damaged",
-            path=path,
-            found=f"{type(error).__name__}: {error}",
-            advice="Write it again, or copy it again.",
-        ) from None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        raise _damaged(path) from None
     if tracks.frames == 0:
         raise FileFormatError("the recording has no frames", path=path, expected="one or more")
     if isinstance(tracks, MarkerTracks) and not tracks.visible.any():
@@ -83,3 +85,12 @@ def read(
     arguments = {key: list(v) if key == "names" else v for key, v in changes.items()}
     step = {"reader": NAME, "file": file.name, **arguments}
     return tracks.replace(**changes).with_step("read", step)
+
+
+def _damaged(path: str | os.PathLike[str]) -> FileFormatError:
+    return FileFormatError(
+        "this Parquet file is damaged or cut short",
+        path=path,
+        expected="a file as mocap-fit wrote it",
+        advice="Copy it again, or write it again.",
+    )
