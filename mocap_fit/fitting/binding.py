@@ -193,9 +193,10 @@ def bind_markers(
     pose = reference_pose(reference)
     missing = [marker.name for marker in layout.face_markers if marker.name not in pose]
     if missing:
+        what = "a face marker" if len(missing) == 1 else f"{len(missing)} face markers"
         raise DataError(
-            f"the reference pose lacks {len(missing)} face markers of the layout "
-            f"'{layout.name}': {', '.join(missing)}",
+            f"the reference pose lacks {what} of the layout '{layout.name}': "
+            f"{', '.join(missing)}",
             found=", ".join(reference.names),
             advice="Choose the layout that the recording was made with, or correct its names.",
         )
