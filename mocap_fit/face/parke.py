@@ -75,17 +75,17 @@ class ParkeRig:
                 advice='Add them, or take the shipped ones with extends = "parke".',
             )
         rig_file.check_on(mesh)
-        scale = rig_file.scale_on(mesh)
-        places = rig_file.places(mesh, scale)
-        weights = _weights(rig_file, mesh, scale, places)
+        scales = rig_file.scales_on(mesh)
+        places = rig_file.places(mesh, scales)
+        weights = _weights(rig_file, mesh, scales, places)
         count = len(transforms)
         kinds = np.zeros(count, dtype=np.int64)
         vectors, centres = np.zeros((count, 3)), np.zeros((count, 3))
         shares = np.zeros((count, len(mesh.vertices)))
         for i, transform in enumerate(transforms):
-            kinds[i], vectors[i] = _kind_and_vector(transform, scale)
+            kinds[i], vectors[i] = _kind_and_vector(transform, scales)
             if transform.centre is not None:
-                centres[i] = transform.centre.on(mesh, scale, places)
+                centres[i] = transform.centre.on(mesh, scales, places)
             shares[i] = weights[transform.weight]
             if not shares[i].any() or not vectors[i].any():
                 with at_place(f"transforms.{i}"):
@@ -121,9 +121,9 @@ class ParkeRig:
         return self._compiled.take(np.asarray(vertex_ids))
 
 
-def _kind_and_vector(transform: Transform, scale: float) -> tuple[Kind, FloatArray]:
+def _kind_and_vector(transform: Transform, scales: FloatArray) -> tuple[Kind, FloatArray]:
     if transform.kind == "translation":
-        return Kind.TRANSLATION, scale * np.asarray(transform.by)
+        return Kind.TRANSLATION, scales * np.asarray(transform.by)
     if transform.kind == "scaling":
         return Kind.SCALING, np.asarray(transform.factors)
     axis = np.asarray(transform.axis, dtype=np.float64)
@@ -131,12 +131,14 @@ def _kind_and_vector(transform: Transform, scale: float) -> tuple[Kind, FloatArr
     return Kind.ROTATION, axis / np.linalg.norm(axis) * turn
 
 
-def _weights(rig_file: RigFile, mesh: Mesh, scale: float, places: Places) -> dict[str, FloatArray]:
+def _weights(
+    rig_file: RigFile, mesh: Mesh, scales: FloatArray, places: Places
+) -> dict[str, FloatArray]:
     weights: dict[str, FloatArray] = {}
     bending: dict[str, BendingEnergy] = {}
     for name, weight in rig_file.weights.items():
         with at_place(f"weights.{name}"):
-            share = _own_weight(weight, mesh, scale, places, bending)
+            share = _own_weight(weight, mesh, scales, places, bending)
         for other, inverted in weight.factors():
             share = share * (1.0 - weights[other] if inverted else weights[other])
         for part, value in weight.parts.items():
@@ -156,7 +158,7 @@ def _weights(rig_file: RigFile, mesh: Mesh, scale: float, places: Places) -> dic
 def _own_weight(
     weight: Weight,
     mesh: Mesh,
-    scale: float,
+    scales: FloatArray,
     places: Places,
     bending: dict[str, BendingEnergy],
 ) -> FloatArray:
@@ -167,14 +169,14 @@ def _own_weight(
     if weight.centre is not None and weight.radii is not None:
         share[vertices] = falloff(
             mesh.vertices[vertices],
-            weight.centre.on(mesh, scale, places),
-            scale * np.asarray(weight.radii, dtype=np.float64),
+            weight.centre.on(mesh, scales, places),
+            scales * np.asarray(weight.radii, dtype=np.float64),
             weight.plateau,
         )
         return share
     totals, counts = np.zeros(len(mesh.vertices)), np.zeros(len(mesh.vertices))
     for constraint in weight.values:
-        members = constraint.members(mesh, scale, places)
+        members = constraint.members(mesh, scales, places)
         totals[members] += constraint.value
         counts[members] += 1
     known = np.flatnonzero(counts[vertices])

@@ -31,7 +31,8 @@ file of the mesh holds several objects, say which is which: ``[parts]`` with ``s
 ``teeth_lower``, ``gums_lower``, ``tongue``, which go with the jaw. More feature points (8.5 to
 8.8, 2.4 to 2.9, 2.13, 2.14) and regions (``chin``, ``nose``, ``forehead``, ``scalp``,
 ``upper_lip_skin``, ``lower_lip_skin``, ``mouth_bag_upper``, ``mouth_bag_lower``) make the shares
-of the skin more exact; all are read where the mesh has them. What a file gives itself under
+of the skin more exact, and with 9.15, the base of the nose, movements up and down are measured by
+the height of the lower face; all are read where the mesh has them. What a file gives itself under
 ``[parameters]``, ``[weights.NAME]``, ``[points]`` or ``[follow]`` takes the place of the shipped
 entry of that name; ``[[transforms]]`` takes the place of all shipped ones, and then
 ``[parameters]`` does too.
@@ -66,6 +67,8 @@ from mocap_fit.tracks import FloatArray
 
 # A feature point given as a position is at most this part of the mesh's extent away from it.
 _NEAR_THE_MESH = 0.1
+# No lower face is lower than this, for its mouth's width, in proportion to the rig file's.
+_FLATTEST = 0.25
 
 
 def _number_or_position(value: Any) -> Any:
@@ -78,6 +81,7 @@ def _number_or_position(value: Any) -> Any:
 
 
 VertexOrPosition = Annotated[int | Vector, BeforeValidator(_number_or_position)]
+Length = Annotated[float, Strict(), Field(ge=1, le=1000)]
 
 
 class RigFile(Strictly):
@@ -97,6 +101,9 @@ class RigFile(Strictly):
     mouth_width
         The lengths of weights and transforms are for a face whose mouth corners (8.3, 8.4) are
         this far apart, in millimetres, and are scaled to the mesh.
+    lower_face_height
+        The same for lengths along y: how far the bottom of the chin (2.1) is below the base of the
+        nose (9.15) on that face; see `scales_on`.
     parts
         Part → what the mesh calls it, such as ``skin = "Head"``. An only part is the skin.
     feature_points
@@ -121,7 +128,8 @@ class RigFile(Strictly):
     mesh: str | None = None
     scale: Annotated[float, Strict(), Field(gt=0)] = 1.0
     axes: str | None = None
-    mouth_width: Annotated[float, Strict(), Field(ge=1, le=1000)] = 50.0
+    mouth_width: Length = 50.0
+    lower_face_height: Length | None = None
     parts: dict[str, str] = Field(default_factory=dict)
     feature_points: dict[str, VertexOrPosition] = Field(default_factory=dict)
     points: dict[str, AnyPoint] = Field(default_factory=dict)
@@ -161,14 +169,37 @@ class RigFile(Strictly):
             raise ValueError(f"parameters.{unmoved[0]}: no transform is driven by it")
         return self
 
-    def scale_on(self, mesh: Mesh) -> float:
-        """Length on the mesh of one millimetre of the file.
+    def scales_on(self, mesh: Mesh) -> FloatArray:
+        """Lengths on the mesh of one millimetre of the file along x, y and z, `(3,)`.
+
+        As with the units of MPEG-4's facial animation parameters (ISO/IEC 14496-2), a movement is
+        measured by the face it is on: across by the width of the mouth, up and down by the height
+        of the lower face, forwards and back by the mean of the two. A gesture is then the same one
+        on a wide face and on a long one. Where the file does not state a height, or the mesh lacks
+        the base of the nose (9.15), the width serves all three.
 
         Raises
         ------
         ConfigurationError
-            If the corners of the mouth are not a mouth's width apart, or not left and right.
+            If the corners of the mouth are not a mouth's width apart, or not left and right, or
+            the chin is not below the nose.
         """
+        across = self._mouth_width_on(mesh) / self.mouth_width
+        known = "9.15" in mesh.feature_points and "2.1" in mesh.feature_points
+        if self.lower_face_height is None or not known:
+            return np.full(3, across)
+        nose, chin = (float(mesh.vertices[mesh.feature_point(name), 1]) for name in ("9.15", "2.1"))
+        up = (nose - chin) / self.lower_face_height
+        if not up > _FLATTEST * across:
+            raise ConfigurationError(
+                "the bottom of the chin, 2.1, is not well below the base of the nose, 9.15",
+                found=f"it is {nose - chin:.3g} mm below",
+                expected=f"about {across * self.lower_face_height:.3g} mm",
+                advice="Check the two feature points, or leave 9.15 out.",
+            )
+        return np.array([across, up, (across + up) / 2])
+
+    def _mouth_width_on(self, mesh: Mesh) -> float:
         left, right = (mesh.vertices[mesh.feature_point(name)] for name in ("8.3", "8.4"))
         width = float(np.linalg.norm(left - right))
         if not 1.0 < width < 1000.0:
@@ -184,12 +215,12 @@ class RigFile(Strictly):
                 found=f"8.3 at {np.round(left, 1).tolist()}, 8.4 at {np.round(right, 1).tolist()}",
                 advice="Check the feature points, and the axes that turn the mesh.",
             )
-        return width / self.mouth_width
+        return width
 
-    def places(self, mesh: Mesh, scale: float) -> dict[str, FloatArray]:
+    def places(self, mesh: Mesh, scales: FloatArray) -> dict[str, FloatArray]:
         """Where the named points are on the mesh, those that it has the feature points for."""
         return {
-            name: point.on(mesh, scale, {})
+            name: point.on(mesh, scales, {})
             for name, point in self.points.items()
             if all(other in mesh.feature_points for other in point.at)
         }

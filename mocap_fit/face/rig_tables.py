@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict, model_validator
 from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
@@ -53,7 +54,7 @@ class Point(Strictly):
             raise ValueError("give the feature points it is at, or a position [x, y, z]")
         return self
 
-    def on(self, mesh: Mesh, scale: float, places: Places) -> FloatArray:
+    def on(self, mesh: Mesh, scales: ArrayLike, places: Places) -> FloatArray:
         """Where it is on the mesh, `(3,)`, millimetres; the offset is scaled to the mesh."""
         if self.position is not None:
             return np.asarray(self.position, dtype=np.float64)
@@ -61,7 +62,7 @@ class Point(Strictly):
             places[name] if name in places else mesh.vertices[mesh.feature_point(name)]
             for name in self.at
         ]
-        return np.asarray(np.mean(found, axis=0) + scale * np.asarray(self.offset))
+        return np.asarray(np.mean(found, axis=0) + np.multiply(scales, self.offset))
 
 
 def _point(value: Any) -> Any:
@@ -97,7 +98,7 @@ class Constraint(Strictly):
             raise ValueError("name regions or feature_points that have this value")
         return self
 
-    def members(self, mesh: Mesh, scale: float, places: Places) -> IndexArray:
+    def members(self, mesh: Mesh, scales: ArrayLike, places: Places) -> IndexArray:
         """Indices of the vertices, unique."""
         optional = [name for name in self.optional_feature_points if name in mesh.feature_points]
         points = [mesh.feature_point(name) for name in (*self.feature_points, *optional)]
@@ -106,7 +107,7 @@ class Constraint(Strictly):
         found += [mesh.region(name) for name in (*self.regions, *there)]
         for point, axis, sign in ((self.below, 1, -1), (self.above, 1, 1), (self.behind, 2, -1)):
             if point is not None:
-                limit = point.on(mesh, scale, places)[axis]
+                limit = point.on(mesh, scales, places)[axis]
                 found.append(np.flatnonzero(sign * (mesh.vertices[:, axis] - limit) > 0))
         return np.unique(np.concatenate(found))
 

@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.face import Mesh, load_face
 from mocap_fit.face import rig_file as rig_file_module
+from mocap_fit.face.builtin import built_in_head
 from mocap_fit.face.parke import ParkeRig
 from mocap_fit.face.rig_file import read_rig_file, shipped_rigs
 from mocap_fit.face.rig_tables import Point, surface_distance
@@ -444,12 +446,32 @@ class TestWhatIsTaken:
         mesh = load_face(FACES / "mask.toml").mesh
         rig_file = read_rig_file("parke")
         width = np.linalg.norm(mesh.vertices[56] - mesh.vertices[70])
-        assert rig_file.scale_on(mesh) == pytest.approx(width / 50)
+        np.testing.assert_allclose(rig_file.scales_on(mesh), width / 50)
         shapes = [
             load_face("parke", mesh=other).deform(np.full(10, 0.5))
             for other in (named(mesh), named(mesh.with_vertices(1.5 * mesh.vertices)))
         ]
         np.testing.assert_allclose(shapes[1], 1.5 * shapes[0], atol=1e-6)
+
+    def test_each_axis_has_its_scale_where_the_base_of_the_nose_is_known(self) -> None:
+        rig_file, mesh = read_rig_file("parke"), built_in_head()
+        own = rig_file.scales_on(mesh)
+        np.testing.assert_allclose(own, own[0], rtol=2e-4)
+        long = mesh.with_vertices(mesh.vertices * [0.9, 1.2, 1.0])
+        np.testing.assert_allclose(rig_file.scales_on(long) / own, [0.9, 1.2, 1.05], rtol=1e-4)
+        noseless = {k: v for k, v in mesh.feature_points.items() if k != "9.15"}
+        without = replace(long, feature_points=noseless)
+        np.testing.assert_allclose(rig_file.scales_on(without), 0.9 * own[0])
+        one_length = rig_file.model_copy(update={"lower_face_height": None})
+        np.testing.assert_allclose(one_length.scales_on(long), 0.9 * own[0])
+
+    def test_a_chin_above_the_nose_is_refused(self) -> None:
+        mesh = built_in_head()
+        points = {**mesh.feature_points, "9.15": mesh.feature_point("8.2")}
+        with pytest.raises(
+            ConfigurationError, match=r"2\.1, is not well below .* 9\.15.*leave 9\.15"
+        ):
+            load_face(mesh=replace(mesh, feature_points={**points, "2.1": points["11.4"]}))
 
     def test_an_only_part_is_the_skin(self, tmp_path: Path) -> None:
         lines = (FACES / "mask.obj").read_text().split("o LowerTeeth")[0]
