@@ -136,8 +136,11 @@ def fit(
         str, typer.Option(help="What is minimised: distances, squares or huber.")
     ] = "distances",
     solver: Annotated[
-        str, typer.Option(help="The nlopt algorithm; LN_PRAXIS is Powell's, as in the paper.")
-    ] = "LD_SLSQP",
+        str,
+        typer.Option(
+            help="newton-nlopt, newton, or an nlopt algorithm; LN_PRAXIS is Powell's, as in the paper."
+        ),
+    ] = "newton-nlopt",
     refine_pose: Annotated[
         bool, typer.Option("--refine-pose", help="Find the head's pose together with the shape.")
     ] = False,
@@ -146,7 +149,7 @@ def fit(
     """Fit face parameters to recordings, frame by frame."""
     from corpus_tools import fit as command
     from mocap_fit.fitting.objective import OBJECTIVES
-    from mocap_fit.fitting.shape import SOLVERS
+    from mocap_fit.fitting.solving import SOLVERS
 
     options = command.Options(
         _one_of(objective, OBJECTIVES, "--objective"),  # type: ignore[arg-type]

@@ -36,7 +36,7 @@ class Options:
     """How recordings are fitted; see `mocap_fit.fitting.fit_shape`."""
 
     objective: Objective = "distances"
-    solver: str = "LD_SLSQP"
+    solver: str = "newton-nlopt"
     refine_pose: bool = False
 
 

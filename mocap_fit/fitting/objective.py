@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.fitting.binding import Binding
+from mocap_fit.fitting.slots import pack, pack_frames
 from mocap_fit.tracks import FloatArray
 
 Objective = Literal["distances", "squares", "huber"]
@@ -31,61 +32,73 @@ class Evaluator:
         self._threshold = threshold
         self._kernel = None if binding.compiled is None else _kernel()
         if self._kernel is not None:
-            count, parameters = len(binding.names), len(binding.parameter_names)
-            self._arrays = self._kernel.kernel_arrays(binding)
-            self._positions = np.empty((count, 3))
-            self._jacobian = np.empty((count, 3, parameters))
+            self._slots = pack(binding)
+            self._room = self._kernel.make_room(self._slots)
             self._code = OBJECTIVES.index(objective)
+        self.set_frame(np.zeros((len(binding.names), 3)), np.ones(len(binding.names), dtype=bool))
 
-    def markers(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Virtual markers `(markers, 3)` and their derivative `(markers, 3, parameters)`.
-
-        The next call may overwrite them.
-        """
-        if self._kernel is None:
-            return self.binding.evaluate(values)
-        self._kernel.evaluate(self._arrays, values, self._positions, self._jacobian)
-        return self._positions, self._jacobian
-
-    def cost(
-        self,
-        values: FloatArray,
-        target: FloatArray,
-        seen: NDArray[np.bool_],
-        gradient: FloatArray,
-    ) -> float:
-        """Cost of a frame, whose gradient is put into the array given.
+    def set_frame(self, target: FloatArray, seen: NDArray[np.bool_]) -> None:
+        """Take the markers of a frame.
 
         Parameters
         ----------
-        values
-            `(parameters,)`.
         target
             `(markers, 3)`: the measured markers; read where they are seen.
         seen
             `(markers,)`.
-        gradient
-            `(parameters,)`, filled.
         """
-        weights = self.binding.weights
+        self._target, self._seen = target[seen], seen
+        if self._kernel is not None:
+            hidden = np.where(seen[:, None], target, np.nan)
+            self._frame = pack_frames(hidden[None], self.binding.weights)[0]
+
+    def markers(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Virtual markers `(markers, 3)` and their derivative `(markers, 3, parameters)`."""
+        if self._kernel is None:
+            return self.binding.evaluate(values)
+        positions, jacobian = self.markers_of_frames(values[None])
+        return positions[0], jacobian[0]
+
+    def markers_of_frames(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Virtual markers of many frames, and their derivatives.
+
+        Parameters
+        ----------
+        values
+            `(frames, parameters)`.
+
+        Returns
+        -------
+        positions
+            `(frames, markers, 3)`.
+        jacobian
+            `(frames, markers, 3, parameters)`.
+        """
+        if self._kernel is None:
+            pairs = [self.binding.evaluate(frame) for frame in values]
+            return np.array([p for p, _ in pairs]), np.array([j for _, j in pairs])
+        from mocap_fit.fitting.slopes import markers_of_frames
+
+        return markers_of_frames(self._slots, self._room, values, len(self.binding.names))
+
+    def cost(self, values: FloatArray, gradient: FloatArray) -> float:
+        """Cost of the frame at `(parameters,)` values, whose gradient is put into an array."""
         if self._kernel is None:
             positions, jacobian = self.binding.evaluate(values)
-            difference = positions[seen] - target[seen]
+            weights, seen = self.binding.weights, self._seen
+            difference = positions[seen] - self._target
             value, pull = cost(difference, weights[seen], self._objective, self._threshold)
             gradient[:] = np.tensordot(pull, jacobian[seen], 2)
             return value
         return float(
-            self._kernel.frame_cost(
-                self._arrays,
+            self._kernel.cost(
+                self._slots,
                 values,
-                target,
-                seen,
-                weights,
+                self._frame,
                 self._code,
                 self._threshold,
+                self._room,
                 gradient,
-                self._positions,
-                self._jacobian,
             )
         )
 

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from mocap_fit.errors import DataError
 from mocap_fit.face import Rig, parameters_from
 from mocap_fit.fitting.layout import Layout
+from mocap_fit.fitting.precision import rigid_motion_effect
 from mocap_fit.tracks import FloatArray, MarkerTracks
 from mocap_fit.tracks.rigid import similarity_transform
 
@@ -184,7 +185,7 @@ def orient_points(
             gradient[:3] = pull.sum(axis=0)
             # d(R p)/d(rotation vector) = -[R p]x Jl: torque through the left Jacobian.
             torque = np.cross(turned, pull).sum(axis=0)
-            gradient[3:6] = left_jacobian(x[3:6]).T @ torque
+            gradient[3:6] = _left_jacobian(x[3:6]).T @ torque
             gradient[6] = np.sum(pull * turned)
         if value < best[0]:
             best = (value, x.copy())
@@ -211,7 +212,23 @@ def orient_points(
     )
 
 
-def left_jacobian(vector: FloatArray) -> FloatArray:
+def moved_by_pose(
+    positions: FloatArray, jacobian: FloatArray, centre: FloatArray, pose: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Points moved by a pose, and their derivative by the parameters and the pose.
+
+    The pose is a rotation vector about the centre (radians) and a translation (millimetres).
+    """
+    rotation = Rotation.from_rotvec(pose[:3]).as_matrix()
+    arms = (positions - centre) @ rotation.T
+    by_shape = np.einsum("ij,mjp->mip", rotation, jacobian)
+    effect = rigid_motion_effect(arms + centre, centre)
+    # The derivative by the rotation vector itself goes through the group's left Jacobian.
+    effect[:, :, :3] = effect[:, :, :3] @ _left_jacobian(pose[:3])
+    return arms + centre + pose[3:], np.concatenate([by_shape, effect], axis=2)
+
+
+def _left_jacobian(vector: FloatArray) -> FloatArray:
     """Left Jacobian of the rotation group at a rotation vector, `(3, 3)`."""
     angle = float(np.linalg.norm(vector))
     x, y, z = vector

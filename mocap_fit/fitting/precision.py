@@ -92,3 +92,120 @@ def _determined(information: FloatArray) -> NDArray[np.bool_]:
     blind = vectors[:, values < 1e-8]
     seen = (np.sum(blind**2, axis=1) < 1e-6) & (np.diag(information) > 1e-9)
     return np.asarray(seen)
+
+
+# Where the information that a parameter alone has is this many times what is left of it beside
+# the others, it is looked at more closely whether anything is left at all.
+_SUSPICIOUS = 1e6
+
+
+def parameter_deviations(
+    jacobian: FloatArray,
+    weights: FloatArray,
+    *,
+    positions: FloatArray | None = None,
+    head_positions: FloatArray | None = None,
+    head_weights: FloatArray | None = None,
+) -> FloatArray:
+    """Standard deviations of the parameters of many frames, per unit of marker noise.
+
+    The square roots of the diagonals that `parameter_covariance` gives for each frame.
+
+    Parameters
+    ----------
+    jacobian
+        `(frames, markers, 3, parameters)`.
+    weights
+        `(frames, markers)`: 0 for a hidden marker.
+    positions
+        `(frames, markers, 3)`; needed with head markers alone.
+    head_positions
+        `(head markers, 3)`.
+    head_weights
+        `(frames, head markers)`: 0 for a hidden one; frames with fewer than three take the pose
+        as true.
+
+    Returns
+    -------
+    FloatArray
+        `(frames, parameters)`; infinite where the markers do not determine a parameter.
+    """
+    frames, markers, _, count = jacobian.shape
+    flat = jacobian.reshape(frames, 3 * markers, count)
+    rows = np.repeat(weights, 3, axis=1)[:, :, None]
+    information = flat.transpose(0, 2, 1) @ (rows * flat)
+    alone = np.einsum("fpp->fp", information)
+    ridge = 1e-13 * np.maximum(alone, 1e-12)
+    information[:, np.arange(count), np.arange(count)] += ridge
+    inverse = np.linalg.inv(information)
+    gain = inverse @ (rows * flat).transpose(0, 2, 1)
+    variance = np.einsum("fpi,fpi->fp", gain, gain)
+    posed = np.zeros(frames, dtype=bool)
+    if head_positions is not None and head_weights is not None and positions is not None:
+        posed = (head_weights > 0).sum(axis=1) >= 3
+    if posed.any() and head_positions is not None and positions is not None:
+        variance[posed] += _variance_through_pose(
+            gain[posed],
+            positions[posed],
+            head_positions,
+            head_weights[posed],  # type: ignore[index]
+        )
+    doubtful = np.einsum("fpp->fp", inverse) * alone > _SUSPICIOUS
+    doubtful |= alone < 1e-9
+    for frame in np.flatnonzero(doubtful.any(axis=1)):
+        seen = weights[frame] > 0
+        head = {}
+        if posed[frame] and head_positions is not None and head_weights is not None:
+            there = head_weights[frame] > 0
+            head = {
+                "positions": None if positions is None else positions[frame, seen],
+                "head_positions": head_positions[there],
+                "head_weights": head_weights[frame, there],
+            }
+        covariance = parameter_covariance(jacobian[frame, seen], weights[frame, seen], **head)
+        variance[frame] = np.diag(covariance)
+    return np.asarray(np.sqrt(variance))
+
+
+def _variance_through_pose(
+    gain: FloatArray, positions: FloatArray, head_positions: FloatArray, head_weights: FloatArray
+) -> FloatArray:
+    """What the noise of the head markers adds to the parameters' variance, `(frames, parameters)`.
+
+    The pose is taken about the middle of all head markers; the choice changes nothing.
+    """
+    frames, markers = positions.shape[:2]
+    centre = head_positions.mean(axis=0)
+    head = rigid_motion_effect(head_positions, centre)
+    pairs = np.einsum("hia,hib->hab", head, head)
+    information = np.einsum("fh,hab->fab", head_weights, pairs)
+    # Head markers on a line leave a turn open: it is taken as known, not as unbounded.
+    inverse = np.linalg.pinv(information, rcond=1e-12, hermitian=True)
+    pose = inverse @ np.einsum("fh,hab->fab", head_weights**2, pairs) @ inverse
+    effect = rigid_motion_effect(positions.reshape(-1, 3), centre).reshape(frames, 3 * markers, 6)
+    through = gain @ effect
+    return np.asarray(np.einsum("fpa,fab,fpb->fp", through, pose, through))
+
+
+def undetermined(jacobian: FloatArray, weights: FloatArray) -> NDArray[np.bool_]:
+    """Which parameters the markers leave undetermined, `(frames, parameters)`.
+
+    Parameters
+    ----------
+    jacobian
+        `(markers, 3, parameters)`, the same for all frames.
+    weights
+        `(frames, markers)`: 0 for a hidden marker.
+    """
+    pairs = np.einsum("mip,miq->mpq", jacobian, jacobian)
+    information = np.einsum("fm,mpq->fpq", weights, pairs)
+    alone = np.einsum("fpp->fp", information)
+    count = jacobian.shape[2]
+    information[:, np.arange(count), np.arange(count)] += 1e-13 * np.maximum(alone, 1e-12)
+    left = np.einsum("fpp->fp", np.linalg.inv(information))
+    doubtful = (left * alone > _SUSPICIOUS) | (alone < 1e-9)
+    result = np.zeros(alone.shape, dtype=bool)
+    for frame in np.flatnonzero(doubtful.any(axis=1)):
+        whole = np.einsum("m,mpq->pq", weights[frame], pairs)
+        result[frame] = ~_determined(whole)
+    return result

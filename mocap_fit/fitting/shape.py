@@ -2,60 +2,33 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import nlopt
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from mocap_fit.errors import ConfigurationError, DataError
+from mocap_fit.errors import ConfigurationError, DataError, MocapFitWarning
 from mocap_fit.fitting.binding import Binding
-from mocap_fit.fitting.objective import OBJECTIVES, Evaluator, Objective, cost
-from mocap_fit.fitting.orientation import left_jacobian
-from mocap_fit.fitting.precision import parameter_covariance, rigid_motion_effect
+from mocap_fit.fitting.objective import OBJECTIVES, Evaluator, Objective
+from mocap_fit.fitting.orientation import moved_by_pose
+from mocap_fit.fitting.precision import parameter_covariance, parameter_deviations
+from mocap_fit.fitting.solving import (
+    ALGORITHMS,
+    NEWTON_NLOPT,
+    NOT_FITTED,
+    PLAIN,
+    SOLVERS,
+    Solved,
+    Solver,
+)
 from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks
 
-DEFAULT_SOLVER = "LD_SLSQP"
-# nlopt's local algorithms that keep to bounds; the first letters say gradient (LD) or none (LN).
-SOLVERS = (
-    "LD_SLSQP",
-    "LD_LBFGS",
-    "LD_CCSAQ",
-    "LD_MMA",
-    "LD_VAR2",
-    "LD_TNEWTON_PRECOND_RESTART",
-    "LN_PRAXIS",
-    "LN_BOBYQA",
-    "LN_SBPLX",
-    "LN_COBYLA",
-    "LN_NELDERMEAD",
-)
-NOT_FITTED = 0
-STATUS = {
-    NOT_FITTED: "not fitted: too few markers are visible",
-    1: "converged",
-    2: "converged: cost reached",
-    3: "converged: the cost no longer falls",
-    4: "converged: the parameters no longer change",
-    5: "stopped: maximum number of evaluations",
-    -4: "converged as far as rounding lets it",
-    -1: "failed: the best point so far is kept",
-}
-
-# nlopt's wheels have raised its own errors and Python's, depending on their version.
-_NLOPT_ERRORS: tuple[type[Exception], ...] = (
-    RuntimeError,
-    getattr(nlopt, "runtime_error", RuntimeError),
-)
-
+# Frames that are solved together: memory is bounded by it, and progress comes as often.
+_CHUNK = 512
 # Where hidden markers make a parameter this many times less certain, it is not worth reading.
 _UNCERTAIN = 10.0
-# How far from the head's centre a face marker is, about, in millimetres.
-_ARM = 100.0
-# A refined pose stays within these of the one given, in radians and millimetres.
-_LARGEST_TURN, _LARGEST_SHIFT = 0.5, 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +90,7 @@ def fit_shape(
     recording: MarkerTracks,
     *,
     objective: Objective = "distances",
-    solver: str = DEFAULT_SOLVER,
+    solver: str = NEWTON_NLOPT,
     huber_threshold: float = 1.0,
     refine_pose: bool = False,
     maximum_evaluations: int = 2000,
@@ -135,14 +108,16 @@ def fit_shape(
         What is minimised over the visible markers: the weighted sum of ``distances`` (eq. 3),
         of ``squares``, or ``huber``.
     solver
-        An nlopt algorithm: gradient-based by default; ``LN_PRAXIS`` is Powell's, as in the paper.
+        ``newton-nlopt``: Newton's method predicts, and nlopt, started there, certifies.
+        ``newton``: Newton's method alone. Or one of nlopt's algorithms alone, such as
+        ``LN_PRAXIS``, Powell's, as in the paper.
     huber_threshold
         Where Huber's objective turns from squares to distances, millimetres of the speaker.
     refine_pose
         Find a small correction of the head's pose together with the shape, from all markers:
         few reference markers make a noisy pose.
     maximum_evaluations
-        A frame's solver stops after so many.
+        nlopt stops a frame after so many.
     progress
         Called with the number of frames done so far.
 
@@ -194,33 +169,22 @@ def fit_shape(
             found=len(binding.head_names),
             expected="three or more",
         )
-    problem = _Problem(
-        binding, objective, solver, huber_threshold * binding.orientation.scale, refine_pose
+    minimiser = _solver(
+        binding,
+        objective,
+        huber_threshold * binding.orientation.scale,
+        solver,
+        refine_pose,
+        maximum_evaluations,
     )
-    problem.optimiser.set_maxeval(maximum_evaluations)
-    face = recording.positions[:, recording.indices(binding.names)]
-    targets = binding.orientation.apply(face)
-    head = np.full((recording.frames, len(binding.head_names), 3), np.nan)
-    for i, name in enumerate(binding.head_names):
-        if name in recording.names:
-            head[:, i] = binding.orientation.apply(recording.position(name))
-    count, frames = len(binding.parameter_names), recording.frames
-    values = np.full((frames, count), np.nan)
-    deviations = np.full((frames, count), np.nan)
-    distances = np.full(targets.shape[:2], np.nan)
-    costs, status = np.full(frames, np.nan), np.zeros(frames, dtype=np.int64)
-    evaluations = np.zeros(frames, dtype=np.int64)
-    corrections = np.zeros((frames, 6))
-    for frame in range(frames):
-        if problem.set_frame(targets[frame], head[frame]):
-            status[frame] = problem.solve()
-            evaluations[frame] = problem.evaluations
-            values[frame] = problem.parameters
-            costs[frame] = problem.best_cost
-            corrections[frame] = problem.correction
-            distances[frame], deviations[frame] = problem.quality()
-        if progress is not None:
-            progress(frame + 1)
+    chunks = [
+        _fit_chunk(binding, recording, slice(start, start + _CHUNK), minimiser, progress)
+        for start in range(0, recording.frames, _CHUNK)
+    ]
+    solved = Solved.joined([chunk[0] for chunk in chunks])
+    distances, deviations = (np.concatenate([c[i] for c in chunks]) for i in (1, 2))
+    values, costs, status = solved.values, solved.costs, solved.status
+    count = len(binding.parameter_names)
     fitted = status != NOT_FITTED
     if not fitted.any():
         raise DataError(
@@ -255,8 +219,122 @@ def fit_shape(
         },
     )
     return ShapeFit(
-        tracks, binding.names, distances, costs, evaluations, status, corrections, noise
+        tracks,
+        binding.names,
+        distances,
+        costs,
+        solved.evaluations,
+        status,
+        solved.corrections,
+        noise,
     )
+
+
+def _solver(
+    binding: Binding,
+    objective: Objective,
+    threshold: float,
+    solver: str,
+    refine_pose: bool,
+    maximum_evaluations: int,
+) -> Solver:
+    """Choose the fastest solver that can do what is asked."""
+    from mocap_fit.fitting.nlopt_solver import NloptSolver
+
+    if binding.compiled is not None and not refine_pose:
+        try:
+            from mocap_fit.fitting.compiled_solver import CompiledSolver
+            from mocap_fit.fitting.native import library
+        except ImportError:
+            pass  # without numba, the plain form gives the same answers
+        else:
+            if library() is not None or solver == "newton":
+                return CompiledSolver(
+                    binding,
+                    objective,
+                    threshold,
+                    solver=solver,
+                    maximum_evaluations=maximum_evaluations,
+                )
+    algorithm = solver if solver in ALGORITHMS else PLAIN
+    if solver not in (NEWTON_NLOPT, algorithm):
+        warnings.warn(
+            f"the solver '{solver}' is not to be had for this rig or this machine, or with a "
+            f"refined pose; nlopt's {algorithm} is used",
+            MocapFitWarning,
+            stacklevel=3,
+        )
+    return NloptSolver(
+        binding,
+        objective,
+        threshold,
+        algorithm=algorithm,
+        refine_pose=refine_pose,
+        maximum_evaluations=maximum_evaluations,
+    )
+
+
+def _fit_chunk(
+    binding: Binding,
+    recording: MarkerTracks,
+    frames: slice,
+    solver: Solver,
+    progress: Callable[[int], object] | None,
+) -> tuple[Solved, FloatArray, FloatArray]:
+    """Fit some frames: what was solved, marker distances, and parameter deviations.
+
+    Distances are in the face's millimetres, deviations per millimetre of noise.
+    """
+    positions = recording.positions[frames]
+    targets = binding.orientation.apply(positions[:, recording.indices(binding.names)])
+    head = np.full((len(positions), len(binding.head_names), 3), np.nan)
+    for i, name in enumerate(binding.head_names):
+        if name in recording.names:
+            head[:, i] = binding.orientation.apply(positions[:, recording.index(name)])
+    seen = np.isfinite(targets[:, :, 0])
+    usable = seen.sum(axis=1) >= 2
+    solved = solver.solve(targets, head, usable)
+    distances = np.full(seen.shape, np.nan)
+    deviations = np.full(solved.values.shape, np.nan)
+    if usable.any():
+        distances[usable], deviations[usable] = _quality(binding, solved, targets, head, usable)
+    if progress is not None:
+        progress(frames.start + len(positions))
+    return solved, distances, deviations
+
+
+def _quality(
+    binding: Binding,
+    solved: Solved,
+    targets: FloatArray,
+    head: FloatArray,
+    usable: NDArray[np.bool_],
+) -> tuple[FloatArray, FloatArray]:
+    """Marker distances and parameter deviations of the usable frames."""
+    evaluator = Evaluator(binding, "squares", 1.0)
+    positions, jacobian = evaluator.markers_of_frames(solved.values[usable])
+    corrections = solved.corrections[usable]
+    for i in np.flatnonzero(corrections.any(axis=1)):
+        centre = binding.head_positions.mean(axis=0)
+        positions[i], _ = moved_by_pose(positions[i], jacobian[i], centre, corrections[i])
+    seen = np.isfinite(targets[usable, :, 0])
+    weights = np.where(seen, binding.weights, 0.0)
+    distances = np.linalg.norm(positions - targets[usable], axis=2)
+    deviations = parameter_deviations(
+        jacobian,
+        weights,
+        positions=positions,
+        head_positions=binding.head_positions,
+        head_weights=np.where(np.isfinite(head[usable, :, 0]), binding.head_weights, 0.0),
+    )
+    partly = np.flatnonzero(~seen.all(axis=1))
+    if partly.size:
+        _, everything = evaluator.markers(binding.reference_parameters)
+        least = np.sqrt(np.diag(parameter_covariance(everything, binding.weights)))
+        bare = parameter_deviations(jacobian[partly], weights[partly])
+        uncertain = bare > _UNCERTAIN * least
+        deviations[partly] = np.where(uncertain, np.inf, deviations[partly])
+    return distances, deviations
 
 
 def _noise(distances: FloatArray, weights: FloatArray, parameters: int) -> float:
@@ -268,183 +346,3 @@ def _noise(distances: FloatArray, weights: FloatArray, parameters: int) -> float
         return float("nan")
     squares = np.where(seen, distances, 0.0) ** 2 * (weights / weights.mean())
     return float(np.sqrt(squares[frames].sum() / freedom[frames].sum()))
-
-
-class _Problem:
-    """The minimisation of one frame after another; holds nlopt's optimiser and the warm start.
-
-    The solver's variables are the face parameters, and with a refined pose its six as well, each
-    divided by a scale that makes a unit step move the markers alike: solvers that learn the
-    curvature as they go then need half the evaluations.
-    """
-
-    def __init__(
-        self,
-        binding: Binding,
-        objective: Objective,
-        solver: str,
-        threshold: float,
-        refine_pose: bool,
-    ) -> None:
-        self._binding = binding
-        self._objective = objective
-        self._threshold = threshold
-        self._evaluator = Evaluator(binding, objective, threshold)
-        self._refine = refine_pose
-        self._count = len(binding.parameter_names)
-        _, jacobian = self._evaluator.markers(binding.reference_parameters)
-        everything = parameter_covariance(jacobian, binding.weights)
-        self._deviations = np.sqrt(np.diag(everything))
-        moved = np.sqrt(np.einsum("m,mip,mip->p", binding.weights, jacobian, jacobian))
-        self._scale = 1.0 / np.maximum(moved, 1e-3 * moved.max())
-        bounds = binding.rig.bounds
-        if refine_pose:
-            pose = np.array([_ARM] * 3 + [1.0] * 3)
-            self._centre = binding.head_positions.mean(axis=0)
-            weight = np.sqrt(binding.weights.sum() + binding.head_weights.sum())
-            self._scale = np.concatenate([self._scale, 1.0 / (weight * pose)])
-            limits = np.array([_LARGEST_TURN] * 3 + [_LARGEST_SHIFT] * 3)
-            bounds = np.concatenate([bounds, np.stack([-limits, limits], axis=1)])
-        self._bounds = bounds
-        self._x = np.zeros(len(self._scale))
-        self._x[: self._count] = binding.reference_parameters
-        self.optimiser = nlopt.opt(getattr(nlopt, solver), len(self._x))
-        self.optimiser.set_min_objective(self._cost)
-        self.optimiser.set_xtol_abs(1e-7 / self._scale)
-        self.optimiser.set_ftol_rel(1e-11)
-        self.optimiser.set_initial_step(0.1 / self._scale)
-        self._slope = np.zeros(len(self._x))
-        self.evaluations = 0
-        self.best_cost = np.inf
-        self._best = self._x.copy()
-
-    @property
-    def parameters(self) -> FloatArray:
-        """Face parameters at the best point."""
-        return self._best[: self._count]
-
-    @property
-    def correction(self) -> FloatArray:
-        """Rotation vector and translation of the pose at the best point; zeros without."""
-        return self._best[self._count :] if self._refine else np.zeros(6)
-
-    def set_frame(self, target: FloatArray, head: FloatArray) -> bool:
-        """Take a frame's markers; False where there is too little to fit."""
-        self._target, self._seen = target, np.isfinite(target[:, 0])
-        self._head, self._head_seen = head, np.isfinite(head[:, 0])
-        return int(self._seen.sum()) >= 2
-
-    def solve(self) -> int:
-        """Minimise from the last answer; returns nlopt's result."""
-        self.evaluations, self.best_cost = 0, np.inf
-        free = self._free()
-        self.optimiser.set_lower_bounds(np.where(free, self._bounds[:, 0], self._x) / self._scale)
-        self.optimiser.set_upper_bounds(np.where(free, self._bounds[:, 1], self._x) / self._scale)
-        self._best = self._x
-        try:
-            self.optimiser.optimize(self._x / self._scale)
-            result = int(self.optimiser.last_optimize_result())
-        except nlopt.RoundoffLimited:
-            result = -4
-        except _NLOPT_ERRORS:
-            # LBFGS and SLSQP also end so when they can go no lower; the best point is kept.
-            result = -1
-        self._best = self._x = np.clip(self._best, self._bounds[:, 0], self._bounds[:, 1])
-        return result
-
-    def quality(self) -> tuple[FloatArray, FloatArray]:
-        """Distance of every marker and deviation of every parameter, at the best point.
-
-        Both in the face's millimetres, the deviations per millimetre of noise.
-        """
-        seen = self._seen
-        positions, jacobian = self._moved(self._best)
-        shape = jacobian[:, :, : self._count]
-        distances = np.full(len(seen), np.nan)
-        distances[seen] = np.linalg.norm(positions[seen] - self._target[seen], axis=1)
-        covariance = parameter_covariance(
-            shape[seen],
-            self._binding.weights[seen],
-            positions=positions[seen],
-            head_positions=self._binding.head_positions[self._head_seen],
-            head_weights=self._binding.head_weights[self._head_seen],
-        )
-        deviations = np.sqrt(np.diag(covariance))
-        if not seen.all():
-            bare = np.diag(parameter_covariance(shape[seen], self._binding.weights[seen]))
-            deviations[np.sqrt(bare) > _UNCERTAIN * self._deviations] = np.inf
-        return distances, deviations
-
-    def _free(self) -> NDArray[np.bool_]:
-        """Which variables the visible markers determine; the others keep their value."""
-        free = np.ones(len(self._x), dtype=bool)
-        if not self._seen.all():
-            _, jacobian = self._evaluator.markers(self._x[: self._count])
-            covariance = parameter_covariance(
-                jacobian[self._seen], self._binding.weights[self._seen]
-            )
-            free[: self._count] = np.isfinite(np.diag(covariance))
-        return free
-
-    def _moved(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Virtual markers and their derivative by all variables, the pose's included."""
-        positions, jacobian = self._evaluator.markers(x[: self._count])
-        if not self._refine:
-            return positions, jacobian
-        return _turned(positions, jacobian, self._centre, x[self._count :])
-
-    def _cost(self, scaled: FloatArray, gradient: FloatArray) -> float:
-        self.evaluations += 1
-        x = scaled * self._scale
-        if self._refine:
-            value = self._cost_with_pose(x)
-        else:
-            value = self._evaluator.cost(x, self._target, self._seen, self._slope)
-        if not (np.isfinite(value) and np.isfinite(self._slope).all()):
-            # A NaN can hang nlopt's algorithms; a huge cost only turns them back.
-            gradient[:] = 0.0
-            return 1e30
-        if gradient.size:
-            gradient[:] = self._slope * self._scale
-        if value < self.best_cost:
-            self.best_cost, self._best = value, x
-        return value
-
-    def _cost_with_pose(self, x: FloatArray) -> float:
-        """Cost over face and head markers; its gradient goes to the slope."""
-        seen, head_seen = self._seen, self._head_seen
-        positions, jacobian = self._moved(x)
-        value, pull = cost(
-            positions[seen] - self._target[seen],
-            self._binding.weights[seen],
-            self._objective,
-            self._threshold,
-        )
-        self._slope[:] = np.tensordot(pull, jacobian[seen], 2)
-        still = self._binding.head_positions[head_seen]
-        rigid = np.zeros((*still.shape, self._count))
-        head, head_jacobian = _turned(still, rigid, self._centre, x[self._count :])
-        head_value, head_pull = cost(
-            head - self._head[head_seen],
-            self._binding.head_weights[head_seen],
-            self._objective,
-            self._threshold,
-        )
-        self._slope += np.tensordot(head_pull, head_jacobian, 2)
-        return value + head_value
-
-
-def _turned(
-    positions: FloatArray, jacobian: FloatArray, centre: FloatArray, pose: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Points moved by a pose, and their derivative by the parameters and the pose.
-
-    The pose is a rotation vector about the centre (radians) and a translation (millimetres).
-    """
-    rotation = Rotation.from_rotvec(pose[:3]).as_matrix()
-    arms = (positions - centre) @ rotation.T
-    by_shape = np.einsum("ij,mjp->mip", rotation, jacobian)
-    effect = rigid_motion_effect(arms + centre, centre)
-    # The derivative by the rotation vector itself goes through the group's left Jacobian.
-    effect[:, :, :3] = effect[:, :, :3] @ left_jacobian(pose[:3])
-    return arms + centre + pose[3:], np.concatenate([by_shape, effect], axis=2)

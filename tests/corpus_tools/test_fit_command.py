@@ -115,7 +115,7 @@ class TestWhatIsWritten:
         assert len(head["reference_markers"]) == 5
         assert (bind["layout"], bind["face"]) == ("face30-head5", "built-in")
         assert bind["reference"] == "reference"
-        assert (shape["objective"], shape["solver"]) == ("distances", "LD_SLSQP")
+        assert (shape["objective"], shape["solver"]) == ("distances", "newton-nlopt")
         assert all(step.version for step in steps)
 
     def test_nothing_in_the_file_tells_where_or_when_it_was_made(self, session, fitted):

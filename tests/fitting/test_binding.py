@@ -65,7 +65,9 @@ def test_kernel_cost_equals_numpy(
     seen = rng.random(len(binding.names)) > 0.2
     values = some_values + 0.1
     gradient = np.zeros(10)
-    value = Evaluator(weighted, objective, 1.2).cost(values, target, seen, gradient)
+    evaluator = Evaluator(weighted, objective, 1.2)
+    evaluator.set_frame(target, seen)
+    value = evaluator.cost(values, gradient)
     positions, jacobian = binding.evaluate(values)
     expected, pull = cost(positions[seen] - target[seen], weighted.weights[seen], objective, 1.2)
     assert value == pytest.approx(expected, rel=1e-12)
@@ -81,12 +83,13 @@ def test_gradient_of_the_cost(
     evaluator = Evaluator(binding, objective, 1.0)
     gradient, ignored = np.zeros(10), np.zeros(10)
     values = some_values + 0.05
-    evaluator.cost(values, target, seen, gradient)
+    evaluator.set_frame(target, seen)
+    evaluator.cost(values, gradient)
     step = 1e-6
     for p in range(10):
         shift = np.eye(10)[p] * step
-        upper = evaluator.cost(values + shift, target, seen, ignored)
-        lower = evaluator.cost(values - shift, target, seen, ignored)
+        upper = evaluator.cost(values + shift, ignored)
+        lower = evaluator.cost(values - shift, ignored)
         assert gradient[p] == pytest.approx((upper - lower) / (2 * step), rel=1e-6, abs=1e-6)
 
 

@@ -1,0 +1,166 @@
+"""The shape fit's solver through nlopt's Python classes.
+
+It serves every rig and every choice: rigs that cannot be compiled, a refined pose, and machines
+without numba or without nlopt's C functions. `compiled_solver.py` is the fast one.
+"""
+
+from __future__ import annotations
+
+import nlopt
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap_fit.fitting.binding import Binding
+from mocap_fit.fitting.objective import Evaluator, Objective, cost
+from mocap_fit.fitting.orientation import moved_by_pose
+from mocap_fit.fitting.precision import undetermined
+from mocap_fit.fitting.solving import COST_TOLERANCE, VALUE_TOLERANCE, Solved, variable_scale
+from mocap_fit.tracks import FloatArray
+
+# nlopt's wheels have raised its own errors and Python's, depending on their version.
+_NLOPT_ERRORS: tuple[type[Exception], ...] = (
+    RuntimeError,
+    getattr(nlopt, "runtime_error", RuntimeError),
+)
+# How far from the head's centre a face marker is, about, in millimetres.
+_ARM = 100.0
+# A refined pose stays within these of the one given, in radians and millimetres.
+_LARGEST_TURN, _LARGEST_SHIFT = 0.5, 50.0
+
+
+class NloptSolver:
+    """The minimisation of one frame after another; holds nlopt's optimiser and the warm start.
+
+    Parameters
+    ----------
+    binding
+        The virtual markers.
+    objective, threshold
+        See `objective.cost`.
+    algorithm
+        nlopt's name of it.
+    refine_pose
+        Whether the variables include a correction of the pose.
+    maximum_evaluations
+        Of a frame.
+    """
+
+    def __init__(
+        self,
+        binding: Binding,
+        objective: Objective,
+        threshold: float,
+        *,
+        algorithm: str,
+        refine_pose: bool,
+        maximum_evaluations: int,
+    ) -> None:
+        self._binding = binding
+        self._objective = objective
+        self._threshold = threshold
+        self._evaluator = Evaluator(binding, objective, threshold)
+        self._refine = refine_pose
+        self._count = len(binding.parameter_names)
+        _, self._jacobian = self._evaluator.markers(binding.reference_parameters)
+        self._scale = variable_scale(self._jacobian, binding.weights)
+        bounds = binding.rig.bounds
+        if refine_pose:
+            pose = np.array([_ARM] * 3 + [1.0] * 3)
+            self._centre = binding.head_positions.mean(axis=0)
+            weight = np.sqrt(binding.weights.sum() + binding.head_weights.sum())
+            self._scale = np.concatenate([self._scale, 1.0 / (weight * pose)])
+            limits = np.array([_LARGEST_TURN] * 3 + [_LARGEST_SHIFT] * 3)
+            bounds = np.concatenate([bounds, np.stack([-limits, limits], axis=1)])
+        self._bounds = bounds
+        self._x = np.zeros(len(self._scale))
+        self._x[: self._count] = binding.reference_parameters
+        self._optimiser = nlopt.opt(getattr(nlopt, algorithm), len(self._x))
+        self._optimiser.set_min_objective(self._cost)
+        self._optimiser.set_xtol_abs(VALUE_TOLERANCE / self._scale)
+        self._optimiser.set_ftol_rel(COST_TOLERANCE)
+        self._optimiser.set_initial_step(0.1 / self._scale)
+        self._optimiser.set_maxeval(maximum_evaluations)
+        self._slope = np.zeros(len(self._x))
+        self._evaluations = 0
+        self._best_cost = np.inf
+        self._best = self._x.copy()
+
+    def solve(self, targets: FloatArray, head: FloatArray, usable: NDArray[np.bool_]) -> Solved:
+        """Minimise the cost of the usable frames, each from the answer before; see `Solver`."""
+        frames = len(targets)
+        solved = Solved.empty(frames, self._count)
+        seen = np.isfinite(targets[:, :, 0])
+        fixed = undetermined(self._jacobian, np.where(seen, self._binding.weights, 0.0))
+        for frame in np.flatnonzero(usable):
+            self._head, self._head_seen = head[frame], np.isfinite(head[frame, :, 0])
+            self._target, self._seen = targets[frame], seen[frame]
+            self._evaluator.set_frame(self._target, self._seen)
+            solved.status[frame] = self._solve(fixed[frame])
+            solved.values[frame] = self._x[: self._count]
+            solved.costs[frame] = self._best_cost
+            solved.evaluations[frame] = self._evaluations
+            if self._refine:
+                solved.corrections[frame] = self._x[self._count :]
+        return solved
+
+    def _solve(self, fixed: NDArray[np.bool_]) -> int:
+        """Minimise from the last answer; returns nlopt's result."""
+        self._evaluations, self._best_cost = 0, np.inf
+        lower, upper = self._bounds[:, 0].copy(), self._bounds[:, 1].copy()
+        held = np.flatnonzero(fixed)
+        lower[held], upper[held] = self._x[held], self._x[held]
+        self._optimiser.set_lower_bounds(lower / self._scale)
+        self._optimiser.set_upper_bounds(upper / self._scale)
+        self._best = self._x
+        try:
+            self._optimiser.optimize(self._x / self._scale)
+            result = int(self._optimiser.last_optimize_result())
+        except nlopt.RoundoffLimited:
+            result = -4
+        except _NLOPT_ERRORS:
+            # LBFGS and SLSQP also end so when they can go no lower; the best point is kept.
+            result = -1
+        self._x = np.clip(self._best, self._bounds[:, 0], self._bounds[:, 1])
+        return result
+
+    def _cost(self, scaled: FloatArray, gradient: FloatArray) -> float:
+        self._evaluations += 1
+        x = scaled * self._scale
+        if self._refine:
+            value = self._cost_with_pose(x)
+        else:
+            value = self._evaluator.cost(x, self._slope)
+        if not (np.isfinite(value) and np.isfinite(self._slope).all()):
+            # A NaN can hang nlopt's algorithms; a huge cost only turns them back.
+            gradient[:] = 0.0
+            return 1e30
+        if gradient.size:
+            gradient[:] = self._slope * self._scale
+        if value < self._best_cost:
+            self._best_cost, self._best = value, x
+        return value
+
+    def _cost_with_pose(self, x: FloatArray) -> float:
+        """Cost over face and head markers; its gradient goes to the slope."""
+        seen, head_seen = self._seen, self._head_seen
+        positions, jacobian = moved_by_pose(
+            *self._evaluator.markers(x[: self._count]), self._centre, x[self._count :]
+        )
+        value, pull = cost(
+            positions[seen] - self._target[seen],
+            self._binding.weights[seen],
+            self._objective,
+            self._threshold,
+        )
+        self._slope[:] = np.tensordot(pull, jacobian[seen], 2)
+        still = self._binding.head_positions[head_seen]
+        rigid = np.zeros((*still.shape, self._count))
+        head, head_jacobian = moved_by_pose(still, rigid, self._centre, x[self._count :])
+        head_value, head_pull = cost(
+            head - self._head[head_seen],
+            self._binding.head_weights[head_seen],
+            self._objective,
+            self._threshold,
+        )
+        self._slope += np.tensordot(head_pull, head_jacobian, 2)
+        return value + head_value
