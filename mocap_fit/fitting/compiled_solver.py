@@ -117,8 +117,6 @@ class CompiledSolver:
                 evaluations[i] += self._nlopt.evaluations
                 if not self._predict:
                     self._last = values[i].copy()
-        if self._predict and len(values):
-            self._last = values[-1].copy()
         solved.values[usable], solved.costs[usable] = values, costs
         solved.evaluations[usable], solved.status[usable] = evaluations, status
         return solved

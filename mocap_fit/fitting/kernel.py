@@ -304,7 +304,8 @@ def gradient(a, values, room, out):  # type: ignore[no-untyped-def]
                 g[o + axis + m] = (1.0 - s - t) * pull
                 g[o + SLOT + axis + m] += s * pull
                 g[o + 2 * SLOT + axis + m] += t * pull
-    out[:] = 0.0
+    for p in range(out.shape[0]):
+        out[p] = 0.0
     for stage in range(a.stage_kinds.shape[0] - 1, -1, -1):
         start = a.stage_starts[stage, 0]
         if a.stage_kinds[stage] == LINEAR:

@@ -118,13 +118,13 @@ def _curve(room, frame, objective, threshold):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _normal_equations(a, room, slopes, gradient):  # type: ignore[no-untyped-def]
+def _normal_equations(room, slopes, gradient):  # type: ignore[no-untyped-def]
     """Gradient and Hessian of the linear model; the lower half of the Hessian."""
     rows, dual, curvature, scaled = room.here, room.dual, room.curvature, room.scaled
-    for p in range(a.parameters):
+    for p in range(gradient.shape[0]):
         d, along, across = slopes[p], room.along[p], room.across[p]
         total = 0.0
-        for block in range(a.blocks):
+        for block in range(rows.shape[0] // (3 * LANES)):
             r, k = block * 3 * LANES, block * LANES
             for m in range(LANES):
                 d0, d1, d2 = d[r + m], d[r + LANES + m], d[r + 2 * LANES + m]
@@ -140,9 +140,9 @@ def _normal_equations(a, room, slopes, gradient):  # type: ignore[no-untyped-def
                     d0 * dual[r + m] + d1 * dual[r + LANES + m] + d2 * dual[r + 2 * LANES + m]
                 )
         gradient[p] = total
-    for p in range(a.parameters):
+    for p in range(gradient.shape[0]):
         d = slopes[p]
-        for block in range(a.blocks):
+        for block in range(rows.shape[0] // (3 * LANES)):
             r, k = block * 3 * LANES, block * LANES
             for m in range(LANES):
                 weight = curvature[0, k + m]
@@ -217,19 +217,21 @@ def _update_dual(room, portion):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _model_step(a, values, frame, objective, threshold, bounds, fixed, tolerance, room, work):  # type: ignore[no-untyped-def]
+def _model_step(  # type: ignore[no-untyped-def]
+    values, frame, objective, threshold, bounds, fixed, tolerance, slopes, work
+):
     """Minimise the linear model within the bounds; the step is ``vectors[0]``."""
     step, trial, gradient = work.vectors[0], work.vectors[1], work.vectors[2]
     free, newton = work.vectors[3], work.vectors[4]
-    slopes = room.jacobian
-    count = a.parameters
-    step[:] = 0.0
+    count = values.shape[0]
+    for p in range(count):
+        step[p] = 0.0
     for i in range(work.here.shape[0]):
         work.here[i] = work.start[i]
     best = _cost(work.here, frame, objective, threshold)
     for _ in range(_STEPS):
         _curve(work, frame, objective, threshold)
-        _normal_equations(a, work, slopes, gradient)
+        _normal_equations(work, slopes, gradient)
         for p in range(count):
             value = values[p] + step[p]
             held = (value <= bounds[p, 0] and gradient[p] > 0.0) or (
@@ -253,71 +255,12 @@ def _model_step(a, values, frame, objective, threshold, bounds, fixed, tolerance
         if objective != SQUARES:
             _update_dual(work, portion)
         fall, best = best - now, now
-        step[:] = trial
+        for p in range(count):
+            step[p] = trial[p]
         for i in range(work.here.shape[0]):
             work.here[i] = work.trial[i]
         if fall <= tolerance * best:
             break
-
-
-@compiled
-def solve_frame(  # type: ignore[no-untyped-def]
-    a, values, frame, objective, threshold, bounds, fixed, tolerance, room, work
-):
-    """Minimise the cost of one frame from given values, which become the answer.
-
-    Parameters
-    ----------
-    a, room
-        `Slots` and `kernel.Room`.
-    values
-        `(parameters,)`: the start, within the bounds; overwritten.
-    frame
-        The measured markers, from `pack_frames`.
-    objective, threshold
-        As in `kernel.residuals`.
-    bounds
-        `(parameters, 2)`.
-    fixed
-        `(parameters,)`: which parameters keep their value.
-    tolerance
-        Ends when a round lowers the cost by less than this part of it.
-    work
-        `NewtonRoom`.
-
-    Returns
-    -------
-    cost, evaluations
-        At the answer; how often the true cost was evaluated.
-    """
-    trial = work.vectors[5]
-    move(a, values, room)
-    best = residuals(a, frame, objective, threshold, room)
-    residuals_into(a, room, work.start)
-    evaluations = 1
-    work.dual[:] = 0.0
-    for _ in range(_ROUNDS):
-        jacobian(a, values, room)
-        _model_step(a, values, frame, objective, threshold, bounds, fixed, tolerance, room, work)
-        portion, found, now = 1.0, False, best
-        for _ in range(_HALVINGS):
-            for p in range(a.parameters):
-                trial[p] = values[p] + portion * work.vectors[0, p]
-            move(a, trial, room)
-            now = residuals(a, frame, objective, threshold, room)
-            evaluations += 1
-            if now <= best:
-                found = True
-                break
-            portion *= 0.5
-        if not found:
-            break
-        residuals_into(a, room, work.start)
-        fall, best = best - now, now
-        values[:] = trial
-        if fall <= tolerance * best:
-            break
-    return best, evaluations
 
 
 @compiled
@@ -336,31 +279,72 @@ def solve_frames(  # type: ignore[no-untyped-def]
     costs,
     evaluations,
 ):
-    """Minimise the cost of frame after frame, each from the answer before; see `solve_frame`.
+    """Minimise the cost of frame after frame, each from the answer before.
 
     Parameters
     ----------
+    a, room
+        `Slots` and `kernel.Room`.
     frames
-        `(frames, blocks · 128)`.
+        `(frames, blocks · 128)`: the measured markers, from `pack_frames`.
     start
-        `(parameters,)`: where the first frame begins.
+        `(parameters,)`, within the bounds: where the first frame begins; at the end, the last
+        answer.
+    objective, threshold
+        As in `kernel.residuals`.
+    bounds
+        `(parameters, 2)`.
     fixed
-        `(frames, parameters)`.
-    values, costs, evaluations
-        `(frames, parameters)`, `(frames,)` and `(frames,)`, filled.
+        `(frames, parameters)`: which parameters keep their value from the frame before.
+    tolerance
+        A frame ends when a round lowers its cost by less than this part of it.
+    work
+        `NewtonRoom`.
+    values, costs
+        `(frames, parameters)` and `(frames,)`, filled: the answers, and the cost at them.
+    evaluations
+        `(frames,)`, filled: how often the true cost was evaluated.
     """
-    now = start.copy()
+    trial = work.vectors[5]
     for frame in range(frames.shape[0]):
-        costs[frame], evaluations[frame] = solve_frame(
-            a,
-            now,
-            frames[frame],
-            objective,
-            threshold,
-            bounds,
-            fixed[frame],
-            tolerance,
-            room,
-            work,
-        )
-        values[frame] = now
+        move(a, start, room)
+        best = residuals(a, frames[frame], objective, threshold, room)
+        residuals_into(a, room, work.start)
+        evaluations[frame] = 1
+        for i in range(work.dual.shape[0]):
+            work.dual[i] = 0.0
+        for _ in range(_ROUNDS):
+            jacobian(a, start, room)
+            _model_step(
+                start,
+                frames[frame],
+                objective,
+                threshold,
+                bounds,
+                fixed[frame],
+                tolerance,
+                room.jacobian,
+                work,
+            )
+            portion, found, now = 1.0, False, best
+            for _ in range(_HALVINGS):
+                for p in range(start.shape[0]):
+                    trial[p] = start[p] + portion * work.vectors[0, p]
+                move(a, trial, room)
+                now = residuals(a, frames[frame], objective, threshold, room)
+                evaluations[frame] += 1
+                if now <= best:
+                    found = True
+                    break
+                portion *= 0.5
+            if not found:
+                break
+            residuals_into(a, room, work.start)
+            fall, best = best - now, now
+            for p in range(start.shape[0]):
+                start[p] = trial[p]
+            if fall <= tolerance * best:
+                break
+        costs[frame] = best
+        for p in range(start.shape[0]):
+            values[frame, p] = start[p]

@@ -73,7 +73,9 @@ def jacobian(a, values, room):  # type: ignore[no-untyped-def]
 def _move_slopes(a, values, room):  # type: ignore[no-untyped-def]
     """Derivative of the slots by every parameter, carried forward through the stages."""
     slopes = room.slopes
-    slopes[:] = 0.0
+    for p in range(slopes.shape[0]):
+        for i in range(slopes.shape[1]):
+            slopes[p, i] = 0.0
     for stage in range(a.stage_kinds.shape[0]):
         start = a.stage_starts[stage, 0]
         if a.stage_kinds[stage] == LINEAR:
@@ -160,7 +162,9 @@ def _evaluate_frames(a, values, nowhere, room, rows, slopes):  # type: ignore[no
         residuals(a, nowhere, SQUARES, 1.0, room)
         residuals_into(a, room, rows[frame])
         jacobian(a, values[frame], room)
-        slopes[frame] = room.jacobian
+        for p in range(values.shape[1]):
+            for i in range(nowhere.shape[0] * 3 // 4):
+                slopes[frame, p, i] = room.jacobian[p, i]
 
 
 def markers_of_frames(
