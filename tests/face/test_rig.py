@@ -487,6 +487,14 @@ class TestGestures:
             shape = rig.deform(parameters_from({name: value}, NAMES))
             assert turned_away(rig, shape).min() > 0
 
+    def test_the_floor_of_the_mouth_goes_with_the_jaw_and_its_roof_stays(self, rig: Rig) -> None:
+        # Else the skin of the mouth's floor comes up through the tongue when the mouth opens.
+        shift = moved(rig, jaw_shift=1)
+        bone = shift[rig.mesh.region("teeth_lower")].mean(axis=0)
+        floor, roof = (shift[rig.mesh.region(name)] for name in ("mouth_floor", "mouth_roof"))
+        np.testing.assert_allclose(floor, np.tile(bone, (len(floor), 1)), atol=0.01)
+        np.testing.assert_allclose(roof, 0.0, atol=0.01)
+
     def test_no_skin_turns_inside_out_in_mixtures(self, rig: Rig) -> None:
         generator = np.random.default_rng(11)
         for _ in range(40):

@@ -10,6 +10,8 @@ from mocap_fit.face.builtin.surfaces import Colour, Mask, bump, distance_to_path
 from mocap_fit.face.mesh import IndexArray
 from mocap_fit.tracks import FloatArray
 
+# The side of the mouth's bag, between its floor and its roof: points of a ring from the corner.
+_BAG_SIDE = 5
 SIDED = ("jaw", "cheek", "brow_skin", "eyelids", "ear")
 _JAW_LINE = [(21.0, -30.0), (40.0, -18.0), (56.0, 2.0), (66.0, 22.0)]
 
@@ -64,6 +66,9 @@ def _mouth_regions(skin: Skin) -> dict[str, IndexArray]:
         stem = {"bag": "mouth_bag_{}", "skin": "{}_lip_skin"}.get(kind, "{}_lip")
         groups.setdefault(stem.format("lower"), []).append(ring[: mouth.CORNER + 1])
         groups.setdefault(stem.format("upper"), []).append(ring[mouth.CORNER :])
+        if kind == "bag":
+            groups.setdefault("mouth_floor", []).append(ring[: mouth.CORNER - _BAG_SIDE])
+            groups.setdefault("mouth_roof", []).append(ring[mouth.CORNER + _BAG_SIDE + 1 :])
         if kind == "contact":
             groups["inner_lip_contour"] = [ring]
         if kind == "border":
