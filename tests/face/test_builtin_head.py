@@ -34,6 +34,8 @@ MIDDLE_REGIONS = {
     "lower_lip_skin",
     "mouth_bag_upper",
     "mouth_bag_lower",
+    "mouth_roof",
+    "mouth_floor",
     "chin",
     "nose",
     "forehead",
@@ -185,6 +187,13 @@ def test_eyes_face_forwards(head):
         vertices, triangles = part_surface(head, name)
         a, b, c = (vertices[triangles[:, i]] for i in range(3))
         assert np.cross(b - a, c - a)[:, 2].min() > -1e-9, name
+
+
+def test_eyes_brows_and_lashes_mirror_each_other(head):
+    for name in ("eye", "brow", "lashes"):
+        left, _ = part_surface(head, f"{name}_left")
+        right, _ = part_surface(head, f"{name}_right")
+        np.testing.assert_array_equal(left * [-1, 1, 1], right)
 
 
 def test_lips_meet_at_rest(head):

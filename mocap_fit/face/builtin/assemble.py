@@ -23,7 +23,7 @@ MATERIALS = {
 def build_head() -> Mesh:
     """Make the built-in head, without the cache."""
     skin = build_skin()
-    brow, lashes = brows.brow(), eyes.lashes()
+    brow, eye, lashes = brows.brow(), eyes.eyeball(), eyes.lashes()
     pieces = {
         "skin": Piece(skin.vertices, skin.triangles, skin_colours(skin)),
         "teeth_upper": inside_mouth.teeth(upper=True),
@@ -31,8 +31,8 @@ def build_head() -> Mesh:
         "gums_upper": inside_mouth.gums(upper=True),
         "gums_lower": inside_mouth.gums(upper=False),
         "tongue": inside_mouth.tongue(),
-        "eye_left": eyes.eyeball(light_x=1.9),
-        "eye_right": eyes.eyeball(light_x=-1.9).mirrored(),
+        "eye_left": eye,
+        "eye_right": eye.mirrored(),
         "brow_left": brow,
         "brow_right": brow.mirrored(),
         "lashes_left": lashes,

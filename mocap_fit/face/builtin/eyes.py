@@ -80,10 +80,10 @@ def lid_rings() -> list[FloatArray]:
     return rings
 
 
-def eyeball(light_x: float = 1.9) -> Piece:
-    """The left eye: white, iris with a dark rim, pupil, and the light of a window in it.
+def eyeball() -> Piece:
+    """The left eye: white, iris with a dark rim, pupil, and the light of a window above in it.
 
-    `light_x` says how far to the speaker's left of the pupil the light is.
+    The light is straight above the pupil, so that the two eyes mirror each other.
     """
     layers = [
         _disc(_IRIS_RADIUS, _IRIS_RADIUS - 0.55, 2, 0.06, [_LIMBUS, _LIMBUS]),
@@ -91,7 +91,7 @@ def eyeball(light_x: float = 1.9) -> Piece:
             _IRIS_RADIUS - 0.5, 2.3, 4, 0.10, [_IRIS_OUTER, _IRIS_OUTER, _IRIS_INNER, _IRIS_OUTER]
         ),
         _disc(2.45, 0.05, 3, 0.16, [_PUPIL] * 3),
-        _disc(0.95, 0.05, 2, 0.34, [_LIGHT] * 2, (light_x, 2.0)),
+        _disc(0.95, 0.05, 2, 0.34, [_LIGHT] * 2, (0.0, 2.7)),
     ]
     return joined([_white(), *layers])
 
