@@ -99,7 +99,9 @@ def _inside(
     ]
     inner_lip = [
         (1.01, side * 6.5 * fullness, 5.6 * (1 - 0.35 * corner_share) + 0.5),
-        (1.0, side * 1.6 * fullness, np.full_like(x, 2.7)),
+        # Both fall from where the lips meet: the upper lip hides the teeth behind it when the jaw
+        # slides aside and the lips part a little.
+        (1.0, np.where(side > 0, -0.8, -1.7) * fullness, np.full_like(x, 2.7)),
     ]
     return [
         Ring(kind, np.stack([x * width, y + up, z - behind], axis=1))
