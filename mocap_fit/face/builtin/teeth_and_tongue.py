@@ -32,6 +32,9 @@ _LOWER_HEIGHTS = [8.6, 8.8, 9.8, 8.4, 7.8, 7.0]
 _LOWER_EDGES = [-2.6, -2.6, -2.6, -2.45, -2.3, -2.15]
 _BEHIND_THE_LIPS = 7.0
 _OVERJET = 2.6
+# The share of red, green and blue light that reaches the back teeth, and how deep those are, mm.
+_LIGHT_AT_THE_BACK = np.array([0.84, 0.80, 0.76])
+_LIT_DEPTH = 26.0
 _TONGUE_LENGTH = 50.0
 
 
@@ -67,7 +70,10 @@ def teeth(*, upper: bool) -> Piece:
         half = np.array([widths[tooth] / 2 - 0.06, height / 2, thickness])
         vertices, triangles = _rounded_box()
         left.append(painted(centre + (vertices * half) @ axes, triangles, _TOOTH))
-    return joined([piece for tooth in left for piece in (tooth, tooth.mirrored())])
+    row = joined([piece for tooth in left for piece in (tooth, tooth.mirrored())])
+    # Little light comes to the back of a mouth, or behind the teeth.
+    shade = smoothstep((front_of_teeth() - row.vertices[:, 2:]) / _LIT_DEPTH)
+    return Piece(row.vertices, row.triangles, row.colours * (1 - shade * (1 - _LIGHT_AT_THE_BACK)))
 
 
 def gums(*, upper: bool) -> Piece:
