@@ -117,6 +117,8 @@ class CompiledSolver:
                 evaluations[i] += self._nlopt.evaluations
                 if not self._predict:
                     self._last = values[i].copy()
-        solved.values[usable], solved.costs[usable] = values, costs
+        # Scaled to and fro, a value at its bound may come out a rounding beyond it.
+        solved.values[usable] = np.clip(values, self._bounds[:, 0], self._bounds[:, 1])
+        solved.costs[usable] = costs
         solved.evaluations[usable], solved.status[usable] = evaluations, status
         return solved
