@@ -163,6 +163,8 @@ def _stages(compiled: CompiledRig) -> list[tuple[int, Any]]:
             field = compiled.fields[i]
         elif kind == Kind.SCALING and not (moved & (effect != 0)).any():
             field = effect * (compiled.rest - centre)
+        elif not vector.any():
+            continue  # a turn about nothing has no axis
         else:
             finish()
             turn = SCALING if kind == Kind.SCALING else ROTATION
