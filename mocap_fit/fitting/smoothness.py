@@ -1,0 +1,424 @@
+"""The algebra of smooth tracks: banded normal equations, and how rough tracks are.
+
+A track's roughness is the integral of its squared second derivative,
+``∫ x''² dt ≈ rate³ · sum (x[t+1] - 2 x[t] + x[t-1])²``, the same at any frame rate. In the order
+of the frames, the normal equations of all tracks together couple a parameter only with itself
+two frames on: their matrix is banded, twice the number of parameters wide on either side, and
+everything here takes time and memory in proportion to the frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.optimize import minimize_scalar
+
+from mocap_fit.tracks import FloatArray
+
+BoolArray = NDArray[np.bool_]
+
+# Rounds of the active set; each is a banded solve. Three or four do, if bounds are few; so many
+# may go by without progress before it turns careful.
+_ACTIVE_SET_ROUNDS = 100
+_PATIENCE = 5
+# The likelihood is looked at for smoothing times from a tenth of a frame to this, in seconds.
+_LONGEST_SMOOTHING = 1.0
+_SHORTEST_SMOOTHING = 0.1
+# Moments that are no farther apart than this, in seconds, belong to one gesture; how much the
+# prior that all moments are alike is worth; and rounds, after which little changes.
+_SAME_GESTURE = 0.04
+_PRIOR_COUNT = 0.5
+_FIXED_POINT_ROUNDS = 12
+
+
+def curvature(tracks: FloatArray, rate: float) -> FloatArray:
+    """Second differences whose sum of squares is the roughness.
+
+    Parameters
+    ----------
+    tracks
+        `(frames, ...)`.
+    rate
+        Hertz.
+
+    Returns
+    -------
+    FloatArray
+        `(frames - 2, ...)`; empty for fewer than three frames.
+    """
+    return np.asarray(np.diff(tracks, n=2, axis=0) * rate**1.5)
+
+
+def roughness_bands(frames: int, rate: float, strengths: FloatArray) -> FloatArray:
+    """Matrix of the quadratic form ``sum of strength · curvature²``, for each of some tracks.
+
+    Parameters
+    ----------
+    frames
+        Number of frames.
+    rate
+        Hertz.
+    strengths
+        `(frames - 2, parameters)`, or what can be made of that shape.
+
+    Returns
+    -------
+    FloatArray
+        `(3, frames, parameters)`: diagonal, and the entries one and two frames below it, each at
+        its column, as `scipy.linalg.cholesky_banded` takes them with ``lower=True``.
+    """
+    scaled = np.asarray(strengths) * rate**3
+    bands = np.zeros((3, frames, scaled.shape[-1]))
+    if frames > 2:
+        bands[0, :-2] += scaled
+        bands[0, 1:-1] += 4.0 * scaled
+        bands[0, 2:] += scaled
+        bands[1, :-2] -= 2.0 * scaled
+        bands[1, 1:-1] -= 2.0 * scaled
+        bands[2, :-2] += scaled
+    return bands
+
+
+def banded(blocks: FloatArray, bands: FloatArray) -> FloatArray:
+    """Lower banded form of ``block diagonal + prior``.
+
+    Parameters
+    ----------
+    blocks
+        `(frames, parameters, parameters)`, symmetric.
+    bands
+        `(3, frames, parameters)`: each parameter's own bands.
+
+    Returns
+    -------
+    FloatArray
+        `(2 parameters + 1, frames · parameters)`, in the order of the frames.
+    """
+    frames, count = blocks.shape[:2]
+    matrix = np.zeros((2 * count + 1, frames, count))
+    for row in range(count):
+        for column in range(row + 1):
+            matrix[row - column, :, column] = blocks[:, row, column]
+    for step in range(3):
+        matrix[step * count] += bands[step]
+    return matrix.reshape(2 * count + 1, -1)
+
+
+def times(blocks: FloatArray, bands: FloatArray, tracks: FloatArray) -> FloatArray:
+    """``(block diagonal + prior) · tracks``, `(frames, parameters)`; see `banded`."""
+    product = np.einsum("tij,tj->ti", blocks, tracks) + bands[0] * tracks
+    for step in (1, 2):
+        below = bands[step, :-step]
+        product[step:] += below * tracks[:-step]
+        product[:-step] += below * tracks[step:]
+    return np.asarray(product)
+
+
+def smallest_in_box(
+    blocks: FloatArray,
+    bands: FloatArray,
+    gradient: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+) -> FloatArray:
+    """Where ``½ dᵀ A d + gradient · d`` is least with ``lower <= d <= upper``.
+
+    The primal-dual active set method (Hintermüller, Ito and Kunisch, SIAM J. Optim. 13, 2002):
+    what lies on a bound is fixed, the rest is solved, and what pulls away from its bound or
+    leaves the box changes sides; one at a time, should they not settle (Júdice and Pires, Computers
+    and Operations Research 21, 1994). The answer is cut to the box, in case they never do; the
+    caller looks at the true cost anyway.
+
+    Parameters
+    ----------
+    blocks, bands
+        The matrix, as in `banded`; positive definite.
+    gradient, lower, upper
+        `(frames, parameters)`.
+
+    Returns
+    -------
+    FloatArray
+        `(frames, parameters)`.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the matrix is not positive definite.
+    """
+    matrix = banded(blocks, bands)
+    stiffness = matrix[0].reshape(gradient.shape)
+    at_lower = at_upper = np.zeros(gradient.shape, dtype=bool)
+    step = np.zeros_like(gradient)
+    fewest, patience = step.size + 1, _PATIENCE
+    for _ in range(_ACTIVE_SET_ROUNDS):
+        fixed = at_lower | at_upper
+        step = np.where(at_lower, lower, np.where(at_upper, upper, 0.0))
+        if fixed.any():
+            pull = -gradient - times(blocks, bands, step)
+            part = _without(matrix, fixed.ravel())
+            step = np.where(fixed, step, _solved(part, np.where(fixed, 0.0, pull)))
+        else:
+            step = _solved(matrix, -gradient)
+        force = -gradient - times(blocks, bands, step)
+        force[~fixed] = 0.0
+        new_lower = force + stiffness * (step - lower) < 0
+        new_upper = force + stiffness * (step - upper) > 0
+        changed = np.flatnonzero((new_lower != at_lower) | (new_upper != at_upper))
+        if not len(changed):
+            break
+        if len(changed) < fewest:
+            fewest, patience = len(changed), _PATIENCE
+        elif patience:
+            patience -= 1
+        else:
+            # Where sides go to and fro, one at a time comes to an end (Murty's rule).
+            keep = np.arange(step.size).reshape(step.shape) != changed[-1]
+            new_lower = np.where(keep, at_lower, new_lower)
+            new_upper = np.where(keep, at_upper, new_upper)
+        at_lower, at_upper = new_lower, new_upper
+    return np.clip(step, lower, upper)
+
+
+def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    factor = cholesky_banded(matrix, lower=True, check_finite=False)
+    solution = cho_solve_banded((factor, True), right.ravel(), check_finite=False)
+    return np.asarray(solution.reshape(right.shape))
+
+
+def _without(matrix: FloatArray, fixed: BoolArray) -> FloatArray:
+    """The banded matrix with the rows and columns of some variables those of the identity."""
+    part = matrix.copy()
+    for offset in range(min(len(part), part.shape[1])):
+        end = part.shape[1] - offset
+        part[offset, :end][fixed[:end] | fixed[offset:]] = 0.0
+    part[0, fixed] = 1.0
+    return part
+
+
+def inverse_blocks(blocks: FloatArray, bands: FloatArray) -> FloatArray:
+    """Block diagonal of the inverse, exactly.
+
+    With frames taken in pairs the matrix is block tridiagonal, ``A = L Lᵀ``, and its inverse on
+    the diagonal comes from the last pair to the first,
+    ``S[k] = L[k,k]⁻ᵀ (1 + M S[k+1] Mᵀ L…) L[k,k]⁻¹`` (Takahashi, Fagan and Chen, 1973; for state
+    space models it is the Rauch-Tung-Striebel smoother).
+
+    Parameters
+    ----------
+    blocks, bands
+        The matrix, as in `banded`; positive definite.
+
+    Returns
+    -------
+    FloatArray
+        `(frames, parameters, parameters)`.
+    """
+    frames, count = blocks.shape[:2]
+    factor = cholesky_banded(banded(blocks, bands), lower=True, check_finite=False)
+    size = 2 * count
+    pairs = -(-frames // 2)
+    # One frame more makes the last pair whole; it is tied to nothing.
+    whole = np.zeros((size + 1, pairs * size))
+    whole[0] = 1.0
+    whole[:, : factor.shape[1]] = factor
+    columns = whole.reshape(size + 1, pairs, size)
+    own, next_below = np.zeros((pairs, size, size)), np.zeros((pairs, size, size))
+    for column in range(size):
+        own[:, column:, column] = columns[: size - column, :, column].T
+        next_below[:, : column + 1, column] = columns[size - column :, :, column].T
+    inverse = np.linalg.inv(own)
+    gain = np.swapaxes(next_below @ inverse, 1, 2)
+    spread = np.swapaxes(inverse, 1, 2) @ inverse
+    for pair in range(pairs - 2, -1, -1):
+        spread[pair] += gain[pair] @ spread[pair + 1] @ gain[pair].T
+    halves = np.empty((pairs, 2, count, count))
+    halves[:, 0] = spread[:, :count, :count]
+    halves[:, 1] = spread[:, count:, count:]
+    return halves.reshape(2 * pairs, count, count)[:frames]
+
+
+def likeliest_smoothing(
+    tracks: Sequence[FloatArray], deviations: Sequence[FloatArray], rate: float
+) -> tuple[float, float]:
+    """How much a noisy track should be smoothed, and how noisy it is, by what is most likely.
+
+    The track is a smooth one, whose second derivative is white noise of unknown strength, plus
+    independent noise of the size given, or larger. Strength and size are those of the greatest
+    marginal likelihood, with the straight line left free (restricted likelihood; "generalised
+    maximum likelihood" of Wahba, Annals of Statistics 13, 1985, eq. 1.5).
+
+    Parameters
+    ----------
+    tracks
+        Stretches of the track, `(frames,)` each; NaN is missing.
+    deviations
+        Standard deviation of the noise of every frame; what it is at least.
+    rate
+        Hertz.
+
+    Returns
+    -------
+    smoothing
+        Lambda of ``sum ((y - x) / deviation)² + lambda ∫ x''² dt``.
+    noise
+        How many times larger the noise's variance is than given: 1 or more.
+
+    Notes
+    -----
+    Gestures fade out above some hertz, faster than those of this prior. Left to itself, the
+    likelihood would take the noise above that for gestures, and smooth a clean track hardly at
+    all; the least noise keeps it from that.
+    """
+    parts = []
+    for track, deviation in zip(tracks, deviations, strict=True):
+        seen = np.isfinite(track)
+        if seen.sum() > 2:
+            information = np.where(seen, 1.0 / deviation**2, 0.0)
+            parts.append((np.where(seen, track, 0.0), information))
+    if not parts:
+        return 0.0, 1.0
+    typical = float(np.median(np.concatenate([w[w > 0] for _, w in parts])))
+    freedom = sum(int((w > 0).sum()) - 2 for _, w in parts)
+    bends = sum(len(w) - 2 for _, w in parts)
+    forms = [roughness_bands(len(w), 1.0, np.ones(1))[:, :, 0] for _, w in parts]
+
+    def noise_and_unlikeliness(log_ratio: float) -> tuple[float, float]:
+        ratio = float(np.exp(log_ratio))
+        squares = log_determinant = 0.0
+        for (y, information), form in zip(parts, forms, strict=True):
+            weight = information / typical
+            matrix = ratio * form
+            matrix[0] += weight
+            factor = cholesky_banded(matrix, lower=True, check_finite=False)
+            smooth = cho_solve_banded((factor, True), weight * y, check_finite=False)
+            squares += float(weight @ (y - smooth) ** 2)
+            squares += ratio * float(np.sum(np.diff(smooth, n=2) ** 2))
+            log_determinant += 2.0 * float(np.log(factor[0]).sum())
+        squares *= typical
+        noise = max(squares / freedom, 1.0)
+        rest = log_determinant - bends * log_ratio
+        return noise, freedom * float(np.log(noise)) + squares / noise + rest
+
+    # The smoothing time is the fourth root of the ratio, in frames.
+    ends = 4 * np.log(_SHORTEST_SMOOTHING), 4 * np.log(max(_LONGEST_SMOOTHING * rate, 2.0))
+    grid = np.linspace(*ends, 14)
+    best = int(np.argmin([noise_and_unlikeliness(g)[1] for g in grid]))
+    around = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    found = minimize_scalar(
+        lambda g: noise_and_unlikeliness(g)[1],
+        bounds=around,
+        method="bounded",
+        options={"xatol": 0.02},
+    ).x
+    return float(np.exp(found)) * typical / rate**3, noise_and_unlikeliness(found)[0]
+
+
+def local_smoothing(
+    tracks: Sequence[FloatArray],
+    deviations: Sequence[FloatArray],
+    smoothing: FloatArray,
+    rate: float,
+) -> list[FloatArray]:
+    """How much tracks should be smoothed at every moment: less where a gesture is quick.
+
+    The second derivative's strength q of every moment is q of the whole track times a factor,
+    common to the moments around it, whose prior is worth `_PRIOR_COUNT` observations of 1: in
+    effect a prior with heavy tails, under which a quick gesture is not improbable. The factors
+    are found by the fixed point of the marginal likelihood: a variance is the sum of squares of
+    the posterior means over the number of them that the data determine, ``1 - posterior variance
+    / prior variance`` each (MacKay, Neural Computation 4, 1992, eq. 4.9; Tipping, Journal of
+    Machine Learning Research 1, 2001, eq. 16).
+
+    Parameters
+    ----------
+    tracks
+        Stretches of the tracks, `(frames, parameters)` each.
+    deviations
+        Standard deviation of their noise; infinite where a value is missing.
+    smoothing
+        `(parameters,)`: of `likeliest_smoothing`.
+    rate
+        Hertz.
+
+    Returns
+    -------
+    list of FloatArray
+        `(frames - 2, parameters)` of each stretch: lambda of every second difference.
+    """
+    count = len(smoothing)
+    smoothing = np.maximum(smoothing, 1e-30)
+    information = [1.0 / d**2 for d in deviations]
+    known = [np.where(w > 0, t, 0.0) for w, t in zip(information, tracks, strict=True)]
+    strengths = 1.0 / smoothing
+    factors = [np.ones((max(len(t) - 2, 0), count)) for t in tracks]
+    for _ in range(_FIXED_POINT_ROUNDS):
+        squares, determined = np.zeros(count), np.zeros(count)
+        for i, (y, weight) in enumerate(zip(known, information, strict=True)):
+            if len(y) < 3:
+                continue
+            bands = roughness_bands(len(y), rate, 1.0 / (strengths * factors[i]))
+            bands[0] += weight
+            mean, spread = _second_derivatives(bands, weight * y, rate)
+            share = np.clip(1.0 - spread / (strengths * factors[i]), 0.0, 1.0)
+            squares += np.sum(mean**2 / factors[i], axis=0)
+            determined += share.sum(axis=0)
+            near = round(_SAME_GESTURE * rate)
+            factors[i] = (_PRIOR_COUNT + _sums(mean**2, near) / strengths) / (
+                _PRIOR_COUNT + _sums(share, near)
+            )
+        # A strength goes no further from where it began than a smoothing time of three times.
+        change = np.divide(
+            squares, strengths * determined, out=np.ones(count), where=determined > 1
+        )
+        strengths = np.clip(strengths * change, 0.01 / smoothing, 100.0 / smoothing)
+    return [1.0 / (strengths * f) for f in factors]
+
+
+def _sums(values: FloatArray, near: int) -> FloatArray:
+    """Sums over the rows that are near each row."""
+    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    rows = np.arange(len(values))
+    return np.asarray(
+        sums[np.minimum(rows + near + 1, len(values))] - sums[np.maximum(rows - near, 0)]
+    )
+
+
+def _second_derivatives(
+    bands: FloatArray, right: FloatArray, rate: float
+) -> tuple[FloatArray, FloatArray]:
+    """Posterior mean and variance of the curvature of separate tracks.
+
+    The covariance of neighbours comes from the Cholesky factor, last frame first, as in
+    `inverse_blocks`.
+
+    Parameters
+    ----------
+    bands
+        `(3, frames, parameters)`: posterior precision of each track.
+    right
+        `(frames, parameters)`: precision times mean.
+    rate
+        Hertz.
+    """
+    frames, count = right.shape
+    factors, mean = np.empty_like(bands), np.empty_like(right)
+    for p in range(count):
+        factors[:, :, p] = cholesky_banded(bands[:, :, p], lower=True, check_finite=False)
+        mean[:, p] = cho_solve_banded((factors[:, :, p], True), right[:, p], check_finite=False)
+    own, one, two = 1.0 / factors[0] ** 2, factors[1] / factors[0], factors[2] / factors[0]
+    one[-1:] = 0.0
+    two[-2:] = 0.0
+    same, next_one, next_two = np.zeros((3, frames + 2, count))
+    for t in range(frames - 1, -1, -1):
+        a, b = one[t], two[t]
+        next_one[t] = -(a * same[t + 1] + b * next_one[t + 1])
+        next_two[t] = -(a * next_one[t + 1] + b * same[t + 2])
+        same[t] = own[t] - a * next_one[t] - b * next_two[t]
+    same, next_one, next_two = same[:frames], next_one[:frames], next_two[:frames]
+    variance = same[:-2] + 4.0 * same[1:-1] + same[2:]
+    variance += 2.0 * next_two[:-2] - 4.0 * (next_one[:-2] + next_one[1:-1])
+    return curvature(mean, rate), np.maximum(variance, 0.0) * rate**3
