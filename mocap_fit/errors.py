@@ -8,6 +8,8 @@ ordinary Python exceptions.
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 
 class MocapFitError(Exception):
@@ -97,3 +99,44 @@ class MissingExtraError(MocapFitError):
 
 class MocapFitWarning(UserWarning):
     """Something was mended or left out, and the user should know."""
+
+
+_PLAINER = {
+    "Field required": "this is missing",
+    "Extra inputs are not permitted": "there is no such setting",
+    "Input should be a valid tuple": "give a list, in square brackets",
+}
+
+
+def first_fault(content: object, faults: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
+    """The first fault that was found in a file of tables: its place in the file, and what it is.
+
+    Parameters
+    ----------
+    content
+        What was read: tables, lists and values, as TOML or JSON gives them.
+    faults
+        pydantic's list of what is wrong with it (`ValidationError.errors`).
+
+    Returns
+    -------
+    place
+        The keys that lead to it, such as ``markers.3 'chin'.weight``; empty for the whole file.
+        A list's entries count from 0; one that has a name is shown with it.
+    problem
+        What is wrong, without a full stop.
+    """
+    fault = faults[0]
+    place = []
+    for item in fault["loc"]:
+        # What else is in the location is pydantic's own, such as the kind that it tried.
+        if isinstance(content, Mapping):
+            place.append(str(item))
+            content = content.get(str(item))
+        elif isinstance(content, list) and isinstance(item, int):
+            content = content[item] if item < len(content) else None
+            name = content.get("name") if isinstance(content, Mapping) else None
+            place.append(f"{item} '{name}'" if name and isinstance(name, str) else str(item))
+    message = str(fault["msg"]).removeprefix("Value error, ")
+    problem = _PLAINER.get(message, message[:1].lower() + message[1:])
+    return ".".join(place), problem

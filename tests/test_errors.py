@@ -77,3 +77,24 @@ def test_errors_survive_the_way_from_a_worker_process():
 def test_warnings_can_be_told_from_those_of_others():
     assert issubclass(MocapFitWarning, UserWarning)
     assert not issubclass(MocapFitWarning, MocapFitError)
+
+
+@pytest.mark.parametrize(
+    ("location", "message", "place", "problem"),
+    [
+        (("rate",), "Field required", "rate", "this is missing"),
+        (("rows", 1, "size"), "Input should be 3", "rows.1 'b'.size", "input should be 3"),
+        (
+            ("rows", 1, "name", "str"),
+            "Value error, 'b' is taken",
+            "rows.1 'b'.name",
+            "'b' is taken",
+        ),
+        (("rows", 5), "Field required", "rows.5", "this is missing"),
+        ((), "Value error, too few rows", "", "too few rows"),
+    ],
+)
+def test_the_first_fault_of_a_file_of_tables(location, message, place, problem):
+    content = {"rows": [{"size": 1}, {"name": "b", "size": 2}]}
+    faults = [{"loc": location, "msg": message}, {"loc": ("other",), "msg": "other"}]
+    assert errors.first_fault(content, faults) == (place, problem)

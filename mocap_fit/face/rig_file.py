@@ -50,7 +50,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field, Strict, ValidationError, model_validator
 
-from mocap_fit.errors import ConfigurationError
+from mocap_fit.errors import ConfigurationError, first_fault
 from mocap_fit.face.mesh import Mesh, Part
 from mocap_fit.face.rig_tables import (
     LARGEST,
@@ -393,7 +393,7 @@ def _content(name: str) -> dict[str, Any]:
         raise ConfigurationError(
             "the rig file cannot be read",
             path=name,
-            found=error,
+            found=getattr(error, "strerror", None) or error,
             advice=f"Give a TOML file, or one of the shipped rigs: {', '.join(shipped_rigs())}.",
         ) from None
     points = content.get("feature_points")
@@ -411,25 +411,10 @@ def _validated(content: dict[str, Any], path: str) -> RigFile:
     try:
         return RigFile.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        problem = first["msg"].removeprefix("Value error, ")
-        place = _place(content, first["loc"])
+        place, problem = first_fault(content, error.errors())
         raise ConfigurationError(
             f"the rig file is wrong at {place}{': ' if place else ''}{problem}", path=path
         ) from None
-
-
-def _place(content: Any, location: tuple[int | str, ...]) -> str:
-    """The keys that lead to a fault, without what pydantic adds to them."""
-    kept = []
-    for item in location:
-        if isinstance(content, dict):
-            kept.append(str(item))
-            content = content.get(str(item))
-        elif isinstance(content, list) and isinstance(item, int) and item < len(content):
-            kept.append(str(item))
-            content = content[item]
-    return ".".join(kept)
 
 
 def shipped_rigs() -> tuple[str, ...]:

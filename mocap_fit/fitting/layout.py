@@ -9,7 +9,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from mocap_fit.errors import ConfigurationError
+from mocap_fit.errors import ConfigurationError, first_fault
 
 
 class _Strict(BaseModel):
@@ -138,22 +138,24 @@ def load_layout(name: str | Path) -> Layout:
         else:
             text = Path(name).read_text("utf-8")
         content = tomllib.loads(text)
-    except (OSError, UnicodeDecodeError) as error:
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigurationError("the layout is not TOML", path=text_name, found=error) from None
+    except RecursionError:
+        raise ConfigurationError(
+            "the layout is not TOML", path=text_name, found="lists within lists without end"
+        ) from None
+    except (OSError, ValueError) as error:
         raise ConfigurationError(
             "the layout cannot be read",
             path=text_name,
-            found=error,
+            found=getattr(error, "strerror", None) or error,
             advice=f"Give a TOML file, or a shipped layout: {', '.join(shipped_layouts())}.",
         ) from None
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigurationError("the layout is not TOML", path=text_name, found=error) from None
     try:
         layout = Layout.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
+        place, problem = first_fault(content, error.errors())
         raise ConfigurationError(
-            f"the layout is wrong at {'.'.join(map(str, first['loc'])) or 'its top'}",
-            path=text_name,
-            found=first["msg"],
+            f"the layout is wrong{' at ' if place else ''}{place}: {problem}", path=text_name
         ) from None
     return layout if layout.name else layout.model_copy(update={"name": Path(text_name).stem})

@@ -76,8 +76,8 @@ MASK = (FACES / "mask.toml").read_text(encoding="utf-8")
 WRONG_MASKS = {
     "not TOML": ("extends =", "extends", "", "not TOML"),
     "key twice": ("scale = 1000", "scale = 1000\nscale = 1", "", "not TOML"),
-    "unknown key": ("scale = 1000", "scael = 1000", "scael", "Extra inputs"),
-    "unknown table": ("[points]", "[pionts]", "pionts", "Extra inputs"),
+    "unknown key": ("scale = 1000", "scael = 1000", "scael", "no such setting"),
+    "unknown table": ("[points]", "[pionts]", "pionts", "no such setting"),
     "wrong type": ("scale = 1000", 'scale = "big"', "scale", "number"),
     "number as text": ("scale = 1000", 'scale = "1000"', "scale", "number"),
     "scale nil": ("scale = 1000", "scale = 0", "scale", "greater than 0"),
@@ -121,7 +121,7 @@ WRONG_MASKS = {
         "",
         r"feature points 10\.7 \(for points\.jaw_joint\), 10\.8",
     ),
-    "joint flat": ("[0, 30, 0]", "[0, 30]", "points.jaw_joint", "."),
+    "joint flat": ("[0, 30, 0]", "[0, 30]", "points.jaw_joint.2", "missing"),
     "joint nowhere": (
         "[0, 30, 0]",
         "{}",
@@ -181,7 +181,7 @@ WRONG_PLANES = {
     "bounds without 0": ("[-1, 2]", "[0.5, 2]", "parameters.open", "hold 0"),
     "bounds upside down": ("[-1, 2]", "[2, -1]", "parameters.open", "hold 0"),
     "bounds without room": ("[-1, 2]", "[-1, 0]", "parameters.open", "room above"),
-    "one bound": ("[-1, 2]", "[2]", "parameters.open", "."),
+    "one bound": ("[-1, 2]", "[2]", "parameters.open.1", "missing"),
     "bound infinite": ("[-1, 2]", "[-1, inf]", "parameters.open.1", "finite"),
     "bound as text": ("[-1, 2]", '[-1, "2"]', "parameters.open.1", "number"),
     "unmoved parameter": (
@@ -221,7 +221,7 @@ WRONG_PLANES = {
         "weights.field.values.0.value",
         "finite|less|greater",
     ),
-    "value missing": ("value = 1, ", "", "weights.field.values.0.value", "required"),
+    "value missing": ("value = 1, ", "", "weights.field.values.0.value", "missing"),
     "value nowhere": (
         'value = 1, feature_points = "8.3"',
         "value = 1",
@@ -260,7 +260,7 @@ WRONG_PLANES = {
     ),
     "no radii": ("radii = [50, 50, 50]\n", "", "weights.all", "either centre and radii"),
     "radius nil": ("[50, 50, 50]", "[50, 0, 50]", "weights.all", "above 0"),
-    "two radii": ("[50, 50, 50]", "[50, 50]", "weights.all.radii", "."),
+    "two radii": ("[50, 50, 50]", "[50, 50]", "weights.all.radii.2", "missing"),
     "plateau whole": ("radii =", "plateau = 1\nradii =", "weights.all.plateau", "less than 1"),
     "on no part": (
         "[weights.all]",

@@ -57,22 +57,37 @@ def test_a_layout_of_ones_own_takes_the_name_of_its_file(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "markers"),
+        ("", "wrong at markers: this is missing"),
+        ("mass = 1\n" + MARKERS, "wrong at mass: there is no such setting"),
         ("markers = 3", "markers"),
         ("[[markers", "not TOML"),
         (MARKERS + '\n[[markers]]\nname = "a"\nfeature_point = "8.1"', "more than one marker"),
         (MARKERS + '\n[[markers]]\nname = "d"', "feature_point or a region"),
         (MARKERS + '\n[[markers]]\nname = ""\nfeature_point = "8.1"', "name"),
-        (MARKERS + '\n[[markers]]\nname = "d"\nrole = "ear"', "role"),
-        (MARKERS + '\n[[markers]]\nname = "d"\nregion = "nose"', "region"),
+        (
+            MARKERS + '\n[[markers]]\nname = "d"\nrole = "ear"',
+            "markers.3 'd'.role: input should be",
+        ),
+        (
+            MARKERS + '\n[[markers]]\nname = "d"\nregion = "nose"',
+            "markers.3 'd'.region: give a list",
+        ),
+        (MARKERS + '\n[[markers]]\nfeature_point = "8.1"', "markers.3.name: this is missing"),
         (MARKERS + '\n[[markers]]\nname = "d"\nregion = ["nose"]\nweight = 0', "weight"),
         (MARKERS + '\n[[markers]]\nname = "d"\nregion = ["nose"]\nweight = nan', "weight"),
-        (MARKERS + '\n[[markers]]\nname = "d"\nregion = ["nose"]\nmass = 1', "mass"),
+        (
+            MARKERS + '\n[[markers]]\nname = "d"\nregion = ["nose"]\nmass = 1',
+            "markers.3 'd'.mass: there is",
+        ),
         (
             MARKERS + '\n[[markers]]\nname = "d"\nregion = ["nose"]\norientation = true',
             "no feature",
         ),
-        (MARKERS + '\n[[markers]]\nname = "d"\nrole = "head"\nposition = [1, 2]', "position"),
+        (
+            MARKERS + '\n[[markers]]\nname = "d"\nrole = "head"\nposition = [1, 2]',
+            "'d'.position.2: this is missing",
+        ),
+        ("markers = " + "[" * 5000, "not TOML"),
         (MARKERS.replace("orientation = true", "", 1), "three or more"),
         ("marker_offset = -1\n" + MARKERS, "marker_offset"),
         (MARKERS.replace("[[markers]]", '[[markers]]\nrole = "head"'), "role 'face'"),
@@ -86,8 +101,17 @@ def test_wrong_layouts_say_where(tmp_path: Path, text: str, says: str) -> None:
     assert str(path) in message
     assert says in message
     assert "\n" not in message
+    assert "Value error" not in message
 
 
 def test_an_unknown_name_lists_the_shipped_ones() -> None:
     with pytest.raises(ConfigurationError, match="face30-head5"):
         load_layout("face31")
+
+
+def test_a_file_that_cannot_be_read_is_named_once(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        load_layout(tmp_path / "none.toml")
+    message = str(caught.value)
+    assert message.count("none.toml") == 1
+    assert "Errno" not in message
