@@ -1,4 +1,4 @@
-"""Data costs of many frames at once, and their form near some values.
+"""Data costs of many frames at once, their form near some values, and what they mean.
 
 For the sum of distances, Newton's method crawls where a residual is nearly nil. The primal-dual
 form keeps a dual for each marker's direction (Chan, Golub and Mulet, SIAM J. Sci. Comput. 20,
@@ -125,3 +125,42 @@ def _next_duals(before: LocalCosts, part: slice, residuals: FloatArray) -> Float
 def _weighted(rows: FloatArray, weights: FloatArray) -> FloatArray:
     """``Jᵀ W J`` of every frame."""
     return np.asarray(np.swapaxes(rows * weights[:, :, None], 1, 2) @ rows)
+
+
+class Gauge(NamedTuple):
+    """What costs mean, for Gaussian noise.
+
+    Parameters
+    ----------
+    variance
+        Of the frame-by-frame answer, times its information (the weighted sum of ``JᵀJ``).
+    kappa
+        The cost over this is a negative logarithm of a likelihood.
+    """
+
+    variance: float
+    kappa: float
+
+
+def gauge_of(objective: Objective, threshold: float, noise: float) -> Gauge:
+    """Size up an objective, for noise of some standard deviation in every coordinate.
+
+    An M-estimator with the pull psi has the variance ``V / B²`` per information, with
+    ``V = E |psi|² / 3`` and ``B = E div psi / 3`` (Huber, Annals of Mathematical Statistics 35,
+    1964); its cost has the curvature B, and is a log likelihood once it is divided by ``V / B``.
+    For Gaussian noise ``E div psi = E psi · r / noise²``.
+    """
+    if objective == "squares":
+        return Gauge(noise**2, 2.0 * noise**2)
+    length = np.linspace(0.0, 10.0, 4001)
+    chance = length**2 * np.exp(-0.5 * length**2)
+    chance /= chance.sum()
+    distance = noise * length
+    pull = (
+        np.ones_like(distance)
+        if objective == "distances"
+        else 2.0 * np.minimum(distance, threshold)
+    )
+    size = float(chance @ pull**2) / 3.0
+    curve = float(chance @ (pull * distance)) / (3.0 * noise**2)
+    return Gauge(size / curve**2, size / curve)

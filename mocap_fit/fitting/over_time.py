@@ -11,14 +11,13 @@ frames a second weigh more; the second is the same at any frame rate.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.fitting.binding import Binding
-from mocap_fit.fitting.frame_costs import FrameCosts, LocalCosts
+from mocap_fit.fitting.frame_costs import FrameCosts, Gauge, LocalCosts, gauge_of
 from mocap_fit.fitting.objective import OBJECTIVES, Evaluator, Objective
 from mocap_fit.fitting.shape import ShapeFit
 from mocap_fit.fitting.smoothness import (
@@ -113,7 +112,7 @@ def fit_over_time(
     By default all of these come from the data. The markers' noise is what changes in the
     residuals from frame to frame; k and q of each parameter are those of the greatest restricted
     marginal likelihood of its frame-by-frame track, k no less than the noise of markers and head
-    pose explains (Wahba, Annals of Statistics 13, 1985, eq. 1.5; `likeliest_smoothing`).
+    pose explains (Wahba, Annals of Statistics 13, 1985; `likeliest_smoothing`).
     Likelihood rather than cross-validation: cross-validation has no use for a noise that is
     known, and undersmooths now and then.
 
@@ -143,7 +142,7 @@ def fit_over_time(
     noise = _noise_over_time(locals_, stretches)
     if not np.isfinite(noise):
         noise = fit.noise * scale if np.isfinite(fit.noise) else 1.0
-    gauge = _gauge(objective, threshold, max(noise, _LEAST_NOISE))
+    gauge = gauge_of(objective, threshold, max(noise, _LEAST_NOISE))
     bare = [_bare_deviations(local.information) for local in locals_]
     units = [_deviations(fit, part, b, scale) for part, b in zip(slices, bare, strict=True)]
     noisiness = _ratio(units, bare)
@@ -262,45 +261,6 @@ def _total(local: LocalCosts, values: FloatArray, strengths: FloatArray, rate: f
     return float(local.costs.sum() + np.sum(strengths * curvature(values, rate) ** 2))
 
 
-class _Gauge(NamedTuple):
-    """What costs mean, for Gaussian noise.
-
-    Parameters
-    ----------
-    variance
-        Of the frame-by-frame answer, times its information (the weighted sum of ``JᵀJ``).
-    kappa
-        The cost over this is a negative logarithm of a likelihood.
-    """
-
-    variance: float
-    kappa: float
-
-
-def _gauge(objective: Objective, threshold: float, noise: float) -> _Gauge:
-    """Size up an objective, for noise of some standard deviation in every coordinate.
-
-    An M-estimator with the pull psi has the variance ``V / B²`` per information, with
-    ``V = E |psi|² / 3`` and ``B = E div psi / 3`` (Huber, Annals of Mathematical Statistics 35,
-    1964); its cost has the curvature B, and is a log likelihood once it is divided by ``V / B``.
-    For Gaussian noise ``E div psi = E psi · r / noise²``.
-    """
-    if objective == "squares":
-        return _Gauge(noise**2, 2.0 * noise**2)
-    length = np.linspace(0.0, 10.0, 4001)
-    chance = length**2 * np.exp(-0.5 * length**2)
-    chance /= chance.sum()
-    distance = noise * length
-    pull = (
-        np.ones_like(distance)
-        if objective == "distances"
-        else 2.0 * np.minimum(distance, threshold)
-    )
-    size = float(chance @ pull**2) / 3.0
-    curve = float(chance @ (pull * distance)) / (3.0 * noise**2)
-    return _Gauge(size / curve**2, size / curve)
-
-
 def _noise_over_time(locals_: Sequence[LocalCosts], stretches: Sequence[FrameCosts]) -> float:
     """Noise of a coordinate by how residuals change from frame to frame, in the face's mm.
 
@@ -346,7 +306,7 @@ def _ratio(units: Sequence[FloatArray], bare: Sequence[FloatArray]) -> FloatArra
 
 
 def _learnt(
-    tracks: Sequence[FloatArray], units: Sequence[FloatArray], gauge: _Gauge, rate: float
+    tracks: Sequence[FloatArray], units: Sequence[FloatArray], gauge: Gauge, rate: float
 ) -> tuple[FloatArray, FloatArray]:
     """Smoothing and noise of every parameter, as `likeliest_smoothing` gives them."""
     found = []
@@ -396,7 +356,7 @@ def _spread(
     information: FloatArray,
     strengths: FloatArray,
     noisiness: FloatArray,
-    gauge: _Gauge,
+    gauge: Gauge,
     rate: float,
 ) -> FloatArray:
     """Covariance of the parameters of every frame, `(frames, parameters, parameters)`."""

@@ -202,10 +202,10 @@ def _without(matrix: FloatArray, fixed: BoolArray) -> FloatArray:
 def inverse_blocks(blocks: FloatArray, bands: FloatArray) -> FloatArray:
     """Block diagonal of the inverse, exactly.
 
-    With frames taken in pairs the matrix is block tridiagonal, ``A = L Lᵀ``, and its inverse on
-    the diagonal comes from the last pair to the first,
-    ``S[k] = L[k,k]⁻ᵀ (1 + M S[k+1] Mᵀ L…) L[k,k]⁻¹`` (Takahashi, Fagan and Chen, 1973; for state
-    space models it is the Rauch-Tung-Striebel smoother).
+    With frames taken in pairs the matrix is block tridiagonal, ``A = L Lᵀ``, and with ``l`` the
+    factor's block of a pair and ``m`` the one below it, the inverse comes from the last pair to
+    the first, ``S[k] = l⁻ᵀ l⁻¹ + g S[k+1] gᵀ`` with ``g = l⁻ᵀ mᵀ`` (Takahashi, Fagan and Chen,
+    1973; for state space models it is the smoother of Rauch, Tung and Striebel).
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def likeliest_smoothing(
     The track is a smooth one, whose second derivative is white noise of unknown strength, plus
     independent noise of the size given, or larger. Strength and size are those of the greatest
     marginal likelihood, with the straight line left free (restricted likelihood; "generalised
-    maximum likelihood" of Wahba, Annals of Statistics 13, 1985, eq. 1.5).
+    maximum likelihood" of Wahba, Annals of Statistics 13, 1985).
 
     Parameters
     ----------
@@ -330,8 +330,8 @@ def local_smoothing(
     effect a prior with heavy tails, under which a quick gesture is not improbable. The factors
     are found by the fixed point of the marginal likelihood: a variance is the sum of squares of
     the posterior means over the number of them that the data determine, ``1 - posterior variance
-    / prior variance`` each (MacKay, Neural Computation 4, 1992, eq. 4.9; Tipping, Journal of
-    Machine Learning Research 1, 2001, eq. 16).
+    / prior variance`` each (MacKay, Neural Computation 4, 1992; Tipping, Journal of
+    Machine Learning Research 1, 2001).
 
     Parameters
     ----------
