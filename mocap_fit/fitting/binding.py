@@ -195,8 +195,7 @@ def bind_markers(
     if missing:
         what = "a face marker" if len(missing) == 1 else f"{len(missing)} face markers"
         raise DataError(
-            f"the reference pose lacks {what} of the layout '{layout.name}': "
-            f"{', '.join(missing)}",
+            f"the reference pose lacks {what} of the layout '{layout.name}': {', '.join(missing)}",
             found=", ".join(reference.names),
             advice="Choose the layout that the recording was made with, or correct its names.",
         )

@@ -139,7 +139,7 @@ def test_an_orientation_is_applied(layout: Layout, face: Rig, session) -> None:
 
 def test_a_marker_missing_from_the_reference_is_named(layout: Layout, face: Rig, session) -> None:
     without = session.still.select([n for n in session.still.names if n != "chin_mid"])
-    with pytest.raises(DataError, match="lacks a face marker of the layout .*chin_mid"):
+    with pytest.raises(DataError, match=r"lacks a face marker of the layout .*chin_mid"):
         bind_markers(face, layout, without, Orientation())
     without = without.select([n for n in without.names if n != "lip_upper_mid"])
     with pytest.raises(DataError, match="lacks 2 face markers of the layout"):
