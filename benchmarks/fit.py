@@ -40,7 +40,7 @@ from corpus_tools.simulate import Conditions, Session, gesture
 from mocap_fit.face import Mesh, Part, load_face
 from mocap_fit.face.builtin import built_in_head
 from mocap_fit.face.rig import CompiledRig, Kind
-from mocap_fit.fitting import Binding, fit_shape, load_layout
+from mocap_fit.fitting import Binding, Orientation, bind_markers, fit_shape, load_layout
 from mocap_fit.fitting.objective import Evaluator
 from mocap_fit.fitting.solving import ALGORITHMS, NEWTON, NEWTON_NLOPT
 from mocap_fit.tracks import FloatArray, MarkerTracks
@@ -459,9 +459,10 @@ def subdivided(mesh: Mesh) -> Mesh:
 
 
 def with_mesh(mesh: Mesh) -> Binding:
-    """The layout's markers on the rig of a mesh."""
-    session = Session(load_layout("face30-head5"), load_face(mesh=mesh), Conditions(noise=0.0))
-    return session.binding
+    """The layout's markers, where the built-in head wears them, on the rig of a mesh."""
+    layout = load_layout("face30-head5")
+    worn = Session(layout, load_face(), Conditions(noise=0.0)).still
+    return bind_markers(load_face(mesh=mesh), layout, worn, Orientation())
 
 
 def draw(path: Path, frames: int) -> None:
