@@ -138,15 +138,34 @@ def fit(
     solver: Annotated[
         str,
         typer.Option(
-            help="newton-nlopt, newton, or an nlopt algorithm; LN_PRAXIS is Powell's, as in the paper."
+            help="newton-nlopt, newton, or an nlopt algorithm (LN_PRAXIS: Powell's, the paper's)."
         ),
     ] = "newton-nlopt",
     refine_pose: Annotated[
         bool, typer.Option("--refine-pose", help="Find the head's pose together with the shape.")
     ] = False,
+    jobs: Annotated[int, typer.Option(min=0, help="How many processes; 0: one a core.")] = 1,
+    dask: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Fit on a dask cluster: tcp://HOST:PORT."),
+    ] = None,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Fit also what a former run has fitted already.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Fit face parameters to recordings, frame by frame."""
+    """Fit face parameters to recordings, frame by frame.
+
+    Recordings that a former run fitted in the same way are kept, so that a run that was stopped
+    goes on where it was.
+    """
+    from corpus_tools import spread
+
+    if dask is not None and jobs != 1:
+        raise typer.BadParameter(
+            "goes without --jobs: the cluster has its own", param_hint="--dask"
+        )
+    spread.limit_threads()
     from corpus_tools import fit as command
     from mocap_fit.fitting.objective import OBJECTIVES
     from mocap_fit.fitting.solving import SOLVERS
@@ -164,6 +183,9 @@ def fit(
             out=out,
             face=face,
             options=options,
+            jobs=jobs,
+            cluster=dask,
+            fresh=fresh,
             as_json=as_json,
         )
     )

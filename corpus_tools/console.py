@@ -11,9 +11,10 @@ import json
 import math
 import os
 import sys
+import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -108,6 +109,11 @@ def report(error: MocapFitError | OSError | MemoryError) -> None:
     if debugging():
         traceback.print_exception(error)
     say(f"error: {describe_error(error)}")
+
+
+def show_traceback(text: str) -> None:
+    """Print the traceback of another process, as it is, for those who debug."""
+    print(text, file=sys.stderr, flush=True)
 
 
 def describe_error(error: BaseException) -> str:
@@ -278,6 +284,103 @@ def _bar(task: str, total: int) -> Iterator[Callable[[], None]]:
     with Progress(*columns, console=Console(stderr=True)) as shown:
         row = shown.add_task(task, total=total)
         yield lambda: shown.advance(row)
+
+
+class Meter:
+    """How far a fit of many recordings is: recordings, frames, frames/s, time left.
+
+    How many frames a recording has is known when it is read, so that what is left is judged by
+    the sizes of the files.
+
+    Parameters
+    ----------
+    sizes
+        Size of each recording's file, above 0.
+    show
+        Called with the part that is done, 0 to 1, how many recordings are, and a text.
+    """
+
+    def __init__(self, sizes: Sequence[float], show: Callable[[float, int, str], object]) -> None:
+        self._sizes, self._show = sizes, show
+        self._began = time.monotonic()
+        self._under_way: dict[int, tuple[int, int]] = {}
+        self._count = self._frames = 0
+        self._fitted = self._kept = 0.0
+
+    def told(self, index: int, frames: int, of: int) -> None:
+        """Take how far a recording is that is under way."""
+        self._under_way[index] = (frames, of)
+        self._update()
+
+    def done(self, index: int, frames: int) -> None:
+        """Take that a recording is done, and how many of its frames were fitted; 0 if kept."""
+        self._under_way.pop(index, None)
+        self._count += 1
+        self._frames += frames
+        if frames:
+            self._fitted += self._sizes[index]
+        else:
+            self._kept += self._sizes[index]
+        self._update()
+
+    def _update(self) -> None:
+        frames, fitted = self._frames, self._fitted
+        for index, (some, of) in self._under_way.items():
+            frames += some
+            fitted += self._sizes[index] * some / max(1, of)
+        total = sum(self._sizes)
+        left = max(0.0, total - fitted - self._kept)
+        passed = max(time.monotonic() - self._began, 1e-3)
+        text = f"{self._count} of {len(self._sizes)}, {frames} frames"
+        if frames:
+            text += f", {frames / passed:.0f} frames/s"
+            if self._count < len(self._sizes):
+                minutes, seconds = divmod(math.ceil(passed * left / fitted), 60)
+                text += f", {minutes}:{seconds:02d} left"
+        self._show(1 - left / total, self._count, text)
+
+
+@contextlib.contextmanager
+def frames_progress(task: str, sizes: Sequence[float]) -> Iterator[Meter]:
+    """Show how far a fit is, on stderr: a bar on a terminal, else a line each tenth.
+
+    Parameters
+    ----------
+    task
+        What is being done to what.
+    sizes
+        As for `Meter`.
+
+    Yields
+    ------
+    Meter
+        To be told.
+    """
+    if _on_terminal():
+        with _frames_bar(task) as show:
+            yield Meter(sizes, show)
+        return
+    tenths = last = 0
+
+    def show_line(part: float, count: int, text: str) -> None:
+        nonlocal tenths, last
+        whole = count == len(sizes) and last < count
+        if int(part * 10) > tenths or whole:
+            tenths, last = int(part * 10), count
+            say(f"{task}: {text}")
+
+    yield Meter(sizes, show_line)
+
+
+@contextlib.contextmanager
+def _frames_bar(task: str) -> Iterator[Callable[[float, int, str], object]]:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[said]}"))
+    with Progress(*columns, console=Console(stderr=True)) as shown:
+        row = shown.add_task(task, total=1.0, said="")
+        yield lambda part, count, text: shown.update(row, completed=part, said=text)
 
 
 def _on_terminal() -> bool:

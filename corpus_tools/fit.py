@@ -2,142 +2,33 @@
 
 from __future__ import annotations
 
+import contextlib
 import glob
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import hashlib
+import time
+from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from corpus_tools import console
+import mocap_fit
+from corpus_tools import console, spread
 from corpus_tools.console import Status
-from mocap_fit.errors import ConfigurationError, DataError, MocapFitError
-from mocap_fit.face import load_face, parameters_from
-from mocap_fit.fitting import (
-    Binding,
-    Layout,
-    ShapeFit,
-    bind_markers,
-    fit_orientation,
-    fit_shape,
-    load_layout,
+from corpus_tools.one_recording import (
+    Outcome,
+    Task,
+    fit_here,
+    fit_sent,
+    inputs,
+    kept,
+    watched,
+    written,
 )
-from mocap_fit.fitting.objective import Objective
-from mocap_fit.fitting.orientation import reference_pose
-from mocap_fit.head import HeadMotion, match_size, remove_head_motion
-from mocap_fit.io import READERS, read_tracks
-from mocap_fit.tracks import MarkerTracks, write_parquet
-from mocap_fit.tracks.rigid import refusal
-
-
-@dataclass(frozen=True)
-class Options:
-    """How recordings are fitted; see `mocap_fit.fitting.fit_shape`."""
-
-    objective: Objective = "distances"
-    solver: str = "newton-nlopt"
-    refine_pose: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class Speaker:
-    """All that the recordings of one speaker share.
-
-    Parameters
-    ----------
-    layout
-        The marker layout.
-    reference
-        The reference pose; its coordinates are the speaker's head coordinates.
-    binding
-        The virtual markers on the face.
-    face_name
-        The face, as the user named it.
-    """
-
-    layout: Layout
-    reference: MarkerTracks
-    binding: Binding
-    face_name: str
-
-    @classmethod
-    def load(cls, reference: Path, layout: str, face: str) -> Speaker:
-        """Read the reference pose and tie the layout's markers to the face."""
-        markers = load_layout(layout)
-        rig = load_face(face)
-        pose = read_tracks(reference)
-        absent = [m.name for m in markers.markers if m.name not in pose.names]
-        if absent:
-            raise DataError(
-                f"the reference pose lacks {len(absent)} of the {len(markers.markers)} markers of "
-                f"the layout '{markers.name}': {', '.join(absent)}",
-                path=str(reference),
-                found=", ".join(pose.names),
-                advice="Choose the layout that it was recorded with, or correct the names.",
-            )
-        try:
-            parameters_from(markers.reference_parameters, rig.parameter_names)
-        except DataError as error:
-            raise console.located(error, layout) from None
-        try:
-            _check_head(markers, pose)
-            orientation = fit_orientation(rig, markers, pose)
-            binding = bind_markers(rig, markers, pose, orientation)
-        except DataError as error:
-            raise console.located(error, reference) from None
-        except ConfigurationError as error:
-            raise console.located(error, layout) from None
-        return cls(markers, pose, binding, Path(face).name)
-
-    def fit(
-        self,
-        recording: MarkerTracks,
-        options: Options,
-        progress: Callable[[int], object] | None = None,
-    ) -> tuple[ShapeFit, HeadMotion]:
-        """Remove the head's motion from a recording and fit its frames."""
-        weights = {m.name: m.weight for m in self.layout.head_markers}
-        if self.layout.size_varies:
-            recording, _ = match_size(recording, self.reference, tuple(weights))
-        still, motion = remove_head_motion(
-            recording, self.reference, names=tuple(weights) or None, weights=weights or None
-        )
-        still = still.with_step(
-            "bind_markers",
-            {
-                "layout": self.layout.name,
-                "face": self.face_name,
-                "reference": self.reference.name,
-                "scale": self.binding.orientation.scale,
-            },
-        )
-        result = fit_shape(
-            self.binding,
-            still,
-            objective=options.objective,
-            solver=options.solver,
-            refine_pose=options.refine_pose,
-            progress=progress,
-        )
-        return result, motion
-
-
-def _check_head(layout: Layout, reference: MarkerTracks) -> None:
-    """Refuse a reference pose that tells no head pose, once and not for every recording."""
-    places = reference_pose(reference)
-    names = [m.name for m in layout.head_markers]
-    reason = None
-    if names:
-        unseen = np.full(3, np.nan)
-        reason = refusal(np.array([places.get(name, unseen) for name in names]))
-    if reason is not None:
-        raise DataError(
-            "the head's pose cannot be told from the head markers in the reference pose",
-            found=reason,
-            expected=f"three or more of {', '.join(names)}, not on a line",
-            advice="Record the reference pose with all head markers in view.",
-        )
+from corpus_tools.speaker import Options as Options
+from corpus_tools.speaker import Speaker as Speaker
+from mocap_fit.errors import ConfigurationError
+from mocap_fit.io import READERS
 
 
 def expand(paths: Sequence[Path]) -> list[Path]:
@@ -187,11 +78,15 @@ def run(
     out: Path,
     face: str = "built-in",
     options: Options | None = None,
+    jobs: int = 1,
+    cluster: str | None = None,
+    fresh: bool = False,
     as_json: bool = False,
 ) -> Status:
     """Fit recordings and write ``OUT/ID.parquet`` for each.
 
     A recording that cannot be fitted is named on stderr and does not keep the others from it.
+    One that a former run fitted, from the same bytes in the same way, is not fitted again.
 
     Parameters
     ----------
@@ -207,6 +102,12 @@ def run(
         ``built-in``, or a rig file.
     options
         How to fit.
+    jobs
+        How many processes; 0 for as many as the machine has cores.
+    cluster
+        Address of a dask scheduler whose workers fit instead.
+    fresh
+        Fit also what is fitted already.
     as_json
         Print what was done as one JSON object on stdout.
 
@@ -215,23 +116,26 @@ def run(
     Status
         `BAD_DATA` if any recording was not fitted.
     """
+    began = time.perf_counter()
     files = expand(recordings)
     speaker = Speaker.load(reference, layout, face)
     console.make_folder(out)
     options = options or Options()
+    task = Task(speaker, options, speaker.fingerprint(options), fresh)
+    targets = [out / f"{file.stem}.parquet" for file in files]
+    _remove_partial(targets)
+    seconds = {"speaker": time.perf_counter() - began}
+    try:
+        outcomes = _fit_all(task, files, targets, jobs, cluster)
+    finally:
+        # A process that is ended in the middle of writing leaves its part behind.
+        _remove_partial(targets)
     rows: list[dict[str, Any]] = []
-    status = Status.DONE
-    with console.progress("fitting recordings", len(files)) as advance:
-        for file in files:
-            try:
-                row = _fit_file(file, speaker, options, out / f"{file.stem}.parquet")
-            except (MocapFitError, OSError) as error:
-                told = console.located(error, file) if isinstance(error, MocapFitError) else error
-                console.report(told)
-                row = {"recording": file.stem, "file": file, "error": console.describe_error(told)}
-                status = Status.BAD_DATA
-            rows.append(row)
-            advance()
+    for file, target, outcome in zip(files, targets, outcomes, strict=True):
+        output = {} if "error" in outcome.figures else {"output": target}
+        rows.append({"recording": file.stem, "file": file, **output, **outcome.figures})
+        for part, length in outcome.seconds.items():
+            seconds[part] = seconds.get(part, 0.0) + length
     orientation = speaker.binding.orientation
     if as_json:
         console.print_json(
@@ -240,30 +144,116 @@ def run(
                 "scale": orientation.scale,
                 "orientation_residuals_mm": dict(orientation.residuals or {}),
                 "recordings": rows,
+                # Summed over the processes, but for the last.
+                "seconds": {**seconds, "elapsed": time.perf_counter() - began},
             }
         )
     else:
         _show(rows, out)
-    return status
+    return Status.BAD_DATA if any("error" in row for row in rows) else Status.DONE
 
 
-def _fit_file(file: Path, speaker: Speaker, options: Options, target: Path) -> dict[str, Any]:
-    recording = read_tracks(file)
-    result, motion = speaker.fit(recording, options)
-    write_parquet(result.parameters, target)
-    fitted = result.fitted
-    return {
-        "recording": file.stem,
-        "file": file,
-        "output": target,
-        "frames": len(fitted),
-        "fitted": int(fitted.sum()),
-        "residual_mm": float(np.median(result.parameters.residuals[fitted])),
-        "head_residual_mm": float(np.nanmedian(motion.residuals)),
-        "uncertain_frames": int(result.parameters.uncertain.any(axis=1).sum()),
-        "unfinished_frames": int(np.isin(result.status, (-1, 5)).sum()),
-        "evaluations_per_frame": float(result.evaluations[fitted].mean()),
-    }
+def _remove_partial(targets: Sequence[Path]) -> None:
+    """Remove what killed processes left of these files."""
+    for folder in {target.parent for target in targets}:
+        ours = {f".{target.name}" for target in targets if target.parent == folder}
+        for path in folder.glob(".*.partial"):
+            if path.name.removesuffix(".partial").rpartition(".")[0] in ours:
+                path.unlink(missing_ok=True)
+
+
+def _fit_all(
+    task: Task, files: Sequence[Path], targets: Sequence[Path], jobs: int, cluster: str | None
+) -> list[Outcome]:
+    """Fit the recordings; what is told of them comes in their order."""
+    outcomes: dict[int, Outcome] = {}
+    told = 0
+    pairs = list(zip(files, targets, strict=True))
+    processes = min(jobs or spread.available_processes(), len(files))
+    with console.frames_progress("fitting recordings", [_size(file) for file in files]) as meter:
+        if cluster is not None:
+            results = _on_cluster(task, pairs, cluster)
+        elif processes > 1:
+            results = spread.over_processes(fit_here, task, pairs, processes, meter.told)
+        else:
+            results = spread.in_turn(fit_here, task, pairs, meter.told)
+        with contextlib.closing(results):
+            for index, result in results:
+                if isinstance(result, spread.Died):
+                    result = Outcome(
+                        {"error": f"{files[index]}: it was not fitted: {result.reason}"}
+                    )
+                outcomes[index] = result
+                while told in outcomes:
+                    _tell(outcomes[told], files[told])
+                    told += 1
+                figures = result.figures
+                fitted = 0 if figures.get("kept", True) else figures["frames"]
+                meter.done(index, fitted)
+    return [outcomes[index] for index in range(len(files))]
+
+
+def _size(file: Path) -> int:
+    """How much work a recording is, next to others; one that is not there is found out later."""
+    with contextlib.suppress(OSError):
+        return max(1, file.stat().st_size)
+    return 1
+
+
+def _tell(outcome: Outcome, file: Path) -> None:
+    for line in outcome.warnings:
+        console.say(f"warning: {file.stem}: {line}")
+    if outcome.traceback is not None:
+        console.show_traceback(outcome.traceback)
+    if "error" in outcome.figures:
+        console.say(f"error: {outcome.figures['error']}")
+
+
+def _on_cluster(
+    task: Task, pairs: Sequence[tuple[Path, Path]], address: str
+) -> Generator[tuple[int, Outcome | spread.Died], None, None]:
+    """Send the recordings' content to a cluster, and write what comes back."""
+    here: dict[int, Outcome] = {}
+    places: list[int] = []
+
+    def to_send() -> Iterator[tuple[str, str, bytes]]:
+        for index, (file, target) in enumerate(pairs):
+            sent: list[tuple[str, str, bytes]] = []
+
+            def work(
+                seconds: dict[str, float],
+                file: Path = file,
+                target: Path = target,
+                sent: list[tuple[str, str, bytes]] = sent,
+            ) -> Outcome:
+                content = file.read_bytes()
+                made_from = inputs(task, file.name, hashlib.sha256(content).hexdigest())
+                figures = None if task.fresh else kept(target, made_from)
+                if figures is None:
+                    sent.append((file.name, made_from, content))
+                return Outcome(figures or {})
+
+            outcome = watched(work, file)
+            if not sent:
+                here[index] = outcome
+                continue
+            places.append(index)
+            yield sent[0]
+
+    results = spread.over_cluster(fit_sent, task, to_send(), address, mocap_fit.__version__)
+    with contextlib.closing(results):
+        for place, result in results:
+            index = places[place]
+            if isinstance(result, Outcome):
+                result = written(result, *pairs[index])
+            yield index, result
+            yield from _taken(here)
+    yield from _taken(here)
+
+
+def _taken(outcomes: dict[int, Outcome]) -> Iterator[tuple[int, Outcome]]:
+    while outcomes:
+        yield outcomes.popitem()
 
 
 _COLUMNS = {
@@ -302,8 +292,10 @@ def _show(rows: list[dict[str, Any]], out: Path) -> None:
     screen.print(table)
     frames, fitted = (sum(row[key] for row in done) for key in ("frames", "fitted"))
     middle = float(np.median([row["residual_mm"] for row in done]))
+    former = sum(row["kept"] for row in done)
+    before = f" ({former} of them before)" if former else ""
     screen.print(
-        f"{len(done)} of {len(rows)} recordings fitted: {fitted} of {frames} frames, median "
-        f"residual {middle:.2f} mm. Parameters are in {out}.",
+        f"{len(done)} of {len(rows)} recordings fitted{before}: {fitted} of {frames} frames, "
+        f"median residual {middle:.2f} mm. Parameters are in {out}.",
         soft_wrap=True,
     )

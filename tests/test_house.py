@@ -36,12 +36,15 @@ ROOMS = {
         "render",
         "experiment",
     ),
-    # What all commands share, the commands, the demo that runs other commands and draws what
-    # they found, the one entry.
+    # What all commands share, the commands (what `fit` is made of goes before it), the demo that
+    # runs other commands and draws what they found, the one entry.
     "corpus_tools": (
         "console",
         "info",
         "simulate",
+        "spread",
+        "speaker",
+        "one_recording",
         "fit",
         "comparison",
         "figures",

@@ -1,0 +1,322 @@
+"""Work on many items: here, over processes of this machine, or over a dask cluster.
+
+Each way gives `(index, result)` as items are done, in any order, with a bounded number of items
+under way, so that memory does not grow with how many there are. The work is a function at the
+top of a module, ``work(shared, item, told)``; ``told(done, of)`` takes how far the item is.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+import warnings
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from typing import Any
+
+from mocap_fit.errors import ConfigurationError, MissingExtraError
+
+Work = Callable[[Any, Any, Callable[[int, int], object]], Any]
+Told = Callable[[int, int, int], object]
+Results = Generator[tuple[int, Any], None, None]
+
+# How often those who wait look how far the processes are, in seconds.
+_POLL = 0.2
+# Seconds within which a scheduler and its workers must answer.
+_PATIENCE = 8
+# Windows waits for no more than this many processes.
+_MOST_PROCESSES = 60
+
+
+@dataclass(frozen=True)
+class Died:
+    """In place of a result: the process that worked on the item is gone."""
+
+    reason: str
+
+
+def limit_threads() -> None:
+    """Let linear algebra use one thread a process, where numpy is not loaded yet.
+
+    The matrices of a frame are small, and processes would fight for the cores. Processes that
+    are started later inherit it.
+    """
+    for library in ("OMP", "OPENBLAS", "MKL", "VECLIB_MAXIMUM"):
+        os.environ[f"{library}_NUM_THREADS"] = "1"
+
+
+def available_processes() -> int:
+    """How many processes can work at once on this machine."""
+    usable = getattr(os, "sched_getaffinity", None)
+    return len(usable(0)) if usable is not None else os.cpu_count() or 1
+
+
+def in_turn(work: Work, shared: Any, items: Iterable[Any], told: Told) -> Results:
+    """Work on one item after the other, in this process."""
+    for index, item in enumerate(items):
+        yield index, work(shared, item, _told_of(told, index))
+
+
+def _told_of(told: Told, index: int) -> Callable[[int, int], object]:
+    return lambda done, of: told(index, done, of)
+
+
+def over_processes(work: Work, shared: Any, items: Iterable[Any], jobs: int, told: Told) -> Results:
+    """Work over processes of this machine.
+
+    Parameters
+    ----------
+    work, shared, items
+        What is done with what; both are sent to fresh processes, the same on every system.
+    jobs
+        How many processes.
+    told
+        Called now and then with an item's index, how much of it is done, and of how much.
+
+    Yields
+    ------
+    tuple
+        Index and result; `Died` where the process that worked on it ended without one.
+
+    Notes
+    -----
+    When a process dies it is not known on which item. Those that were under way are tried again,
+    each by itself, and the one that kills its process again is the one.
+    """
+    waiting = deque(enumerate(items))
+    suspects: deque[tuple[int, Any]] = deque()
+    while waiting or suspects:
+        if not suspects:
+            suspects += yield from _in_a_pool(
+                work, shared, waiting, min(jobs, _MOST_PROCESSES), told
+            )
+            continue
+        alone = deque([suspects.popleft()])
+        for index, _ in (yield from _in_a_pool(work, shared, alone, 1, told)):
+            yield index, Died("the process that worked on it was killed, or ran out of memory")
+
+
+def _in_a_pool(
+    work: Work, shared: Any, waiting: deque[tuple[int, Any]], jobs: int, told: Told
+) -> Generator[tuple[int, Any], None, list[tuple[int, Any]]]:
+    """Work on what is waiting until all is done or a process dies; returns what it left."""
+    context = multiprocessing.get_context("spawn")
+    # More items than processes, so that none waits for us.
+    places = list(range(2 * jobs))
+    how_far = context.RawArray("q", 2 * len(places))
+    others = set(multiprocessing.active_children())
+    pool = ProcessPoolExecutor(
+        jobs, mp_context=context, initializer=_begin, initargs=(work, shared, how_far)
+    )
+    under_way: dict[Future[Any], tuple[int, int, Any]] = {}
+    lost: list[tuple[int, Any]] = []
+    complete = False
+    try:
+        while (waiting and not lost) or under_way:
+            while waiting and places and not lost:
+                place = places.pop()
+                how_far[2 * place] = how_far[2 * place + 1] = 0
+                try:
+                    with _without_interrupt():
+                        future = pool.submit(_work_at, place, waiting[0][1])
+                except BrokenProcessPool:
+                    lost.append(waiting.popleft())
+                else:
+                    under_way[future] = (place, *waiting.popleft())
+            done, _ = wait(under_way, timeout=_POLL, return_when=FIRST_COMPLETED)
+            for future in sorted(done, key=lambda future: under_way[future][1]):
+                place, index, item = under_way.pop(future)
+                places.append(place)
+                try:
+                    result = future.result()
+                except BrokenProcessPool:
+                    lost.append((index, item))
+                else:
+                    yield index, result
+            for place, index, _ in under_way.values():
+                told(index, how_far[2 * place], how_far[2 * place + 1])
+        complete = True
+    finally:
+        if not complete:
+            for process in set(multiprocessing.active_children()) - others:
+                process.terminate()
+        pool.shutdown(wait=True, cancel_futures=True)
+    return sorted(lost, key=lambda pair: pair[0])
+
+
+@contextlib.contextmanager
+def _without_interrupt() -> Iterator[None]:
+    """Start processes that Ctrl-C does not reach: who started them ends them."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+# What a process of the pool works with; set once, when it begins.
+_own: dict[str, Any] = {}
+
+
+def _begin(work: Work, shared: Any, how_far: Any) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _own.update(work=work, shared=shared, how_far=how_far)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """Leave no process behind when the one that started it is killed."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _work_at(place: int, item: Any) -> Any:
+    how_far = _own["how_far"]
+
+    def told(done: int, of: int) -> None:
+        how_far[2 * place], how_far[2 * place + 1] = done, of
+
+    return _own["work"](_own["shared"], item, told)
+
+
+def over_cluster(
+    work: Work, shared: Any, items: Iterable[Any], address: str, version: str
+) -> Results:
+    """Work over the workers of a dask cluster, which share neither memory nor disk with us.
+
+    Parameters
+    ----------
+    work, shared
+        As for `over_processes`; ``shared`` is sent to each worker once.
+    items
+        Taken one by one as there is room, so they may be made when they are asked for.
+    address
+        Where the scheduler listens, such as ``tcp://192.168.0.7:8786``.
+    version
+        The version of mocap-fit that the workers must have.
+
+    Yields
+    ------
+    tuple
+        Index and result; `Died` where the cluster lost it.
+
+    Raises
+    ------
+    MissingExtraError
+        If dask.distributed is not installed.
+    ConfigurationError
+        If the scheduler does not answer, or has no workers that can do the work.
+    """
+    try:
+        import distributed
+    except ImportError:
+        raise MissingExtraError(
+            "working on a dask cluster needs dask.distributed",
+            advice="Install it with pip install 'mocap-fit[dask]'.",
+        ) from None
+    # Its log tells in many lines what we tell in one.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    client = _connected(distributed, address)
+    under_way: dict[Any, int] = {}
+    news = threading.Event()
+    try:
+        _check_workers(client, address, version)
+        there = client.scatter(shared, broadcast=True, hash=False)
+        waiting = enumerate(items)
+        left = True
+        while left or under_way:
+            room = 2 * max(1, len(client.nthreads())) if left else 0
+            while left and len(under_way) < room:
+                pair = next(waiting, None)
+                if pair is None:
+                    left = False
+                    break
+                with warnings.catch_warnings():
+                    # A long recording is large, and dask would rather have it on a disk.
+                    warnings.simplefilter("ignore", UserWarning)
+                    future = client.submit(_on_cluster, work, there, pair[1], pure=False)
+                under_way[future] = pair[0]
+                future.add_done_callback(lambda _: news.set())
+            # Looked at now and then also unasked, should the connection be lost.
+            news.wait(_PATIENCE)
+            news.clear()
+            ended = [future for future in under_way if future.status != "pending"]
+            for future in sorted(ended, key=under_way.__getitem__):
+                index = under_way.pop(future)
+                yield index, _result(distributed, future)
+                del future
+    finally:
+        with contextlib.suppress(Exception):
+            client.cancel(list(under_way))
+        client.close(timeout=2)
+
+
+def _connected(distributed: Any, address: str) -> Any:
+    try:
+        return distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
+    except (OSError, TimeoutError, ValueError, ImportError) as error:
+        raise ConfigurationError(
+            f"the dask scheduler at {address} does not answer",
+            found=next(iter(str(error).splitlines()), type(error).__name__),
+            expected="an address such as tcp://192.168.0.7:8786",
+            advice="Start one with `dask scheduler`, and workers with `dask worker ADDRESS`.",
+        ) from None
+
+
+def _check_workers(client: Any, address: str, version: str) -> None:
+    """Refuse a cluster whose workers cannot do what we would do here."""
+    try:
+        client.wait_for_workers(1, timeout=_PATIENCE)
+    except TimeoutError:
+        raise ConfigurationError(
+            f"the dask scheduler at {address} has no workers",
+            advice=f"Start some with `dask worker {address}`.",
+        ) from None
+    try:
+        found = set(client.run(_version).values())
+    except Exception as error:
+        found = {f"{type(error).__name__}: {error}"}
+    if found != {version}:
+        raise ConfigurationError(
+            "the workers of the cluster do not have this version of mocap-fit",
+            found=", ".join(sorted(found)),
+            expected=version,
+            advice="Install the same version on every machine.",
+        )
+
+
+def _version() -> str:
+    import mocap_fit
+
+    return mocap_fit.__version__
+
+
+# A worker may have several threads, but what is warned about is kept for the whole process.
+_one_at_a_time = threading.Lock()
+
+
+def _on_cluster(work: Work, shared: Any, item: Any) -> Any:
+    with _one_at_a_time:
+        return work(shared, item, lambda done, of: None)
+
+
+def _result(distributed: Any, future: Any) -> Any:
+    if future.status == "finished":
+        return future.result()
+    if future.status == "error":
+        error = future.exception()
+        if not isinstance(error, distributed.scheduler.KilledWorker):
+            raise error
+    return Died("the cluster lost the worker that worked on it")
