@@ -1,0 +1,211 @@
+"""The ways to nlopt give the same answers: through C, through Python, with and without numba."""
+
+import gc
+import os
+import subprocess
+import sys
+import textwrap
+import weakref
+from pathlib import Path
+
+import nlopt
+import numpy as np
+import pytest
+
+from mocap_fit.errors import MocapFitWarning
+from mocap_fit.fitting import Binding, fit_shape
+from mocap_fit.fitting.nlopt_solver import NloptSolver
+from mocap_fit.fitting.solving import ALGORITHMS
+from mocap_fit.tracks import MarkerTracks
+
+native = pytest.importorskip("mocap_fit.fitting.native", reason="needs numba")
+from mocap_fit.fitting.compiled_solver import CompiledSolver  # noqa: E402
+from mocap_fit.fitting.kernel import make_room  # noqa: E402
+from mocap_fit.fitting.slots import pack, pack_frames  # noqa: E402
+
+ROOT = Path(__file__).parents[2]
+here = pytest.mark.skipif(native.library() is None, reason="this nlopt shows no C functions")
+
+
+@pytest.fixture
+def recording(binding: Binding, make_tracks, some_values) -> MarkerTracks:
+    """A few frames of slow motion with noise, and some markers hidden."""
+    rng = np.random.default_rng(8)
+    steps = np.linspace(0.0, 0.2, 6)[:, None]
+    exact = make_tracks(binding, some_values + steps).select(binding.names)
+    positions = exact.positions + rng.normal(0.0, 0.2, exact.positions.shape)
+    positions[3, 4:7] = np.nan
+    return MarkerTracks(exact.names, exact.rate, positions, name="slow")
+
+
+def solved(solver, binding: Binding, recording: MarkerTracks):
+    targets = binding.orientation.apply(recording.positions)
+    head = np.zeros((len(targets), 0, 3))
+    return solver.solve(targets, head, np.ones(len(targets), dtype=bool))
+
+
+@here
+@pytest.mark.parametrize("objective", ["distances", "squares", "huber"])
+@pytest.mark.parametrize("algorithm", ["LD_SLSQP", "LD_LBFGS", "LD_VAR2", "LN_BOBYQA"])
+def test_c_and_python_give_the_same(binding: Binding, recording, algorithm, objective) -> None:
+    reach = np.ptp(binding.rig.bounds, axis=1)
+    through_c = solved(
+        CompiledSolver(binding, objective, 0.4, solver=algorithm, maximum_evaluations=3000),
+        binding,
+        recording,
+    )
+    through_python = solved(
+        NloptSolver(
+            binding,
+            objective,
+            0.4,
+            algorithm=algorithm,
+            refine_pose=False,
+            maximum_evaluations=3000,
+        ),
+        binding,
+        recording,
+    )
+    np.testing.assert_allclose(through_c.costs, through_python.costs, rtol=1e-5)
+    apart = np.abs(through_c.values - through_python.values) / reach
+    assert apart.max() < 2e-3
+    assert (through_c.evaluations > 1).all()
+
+
+@here
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_every_algorithm_keeps_to_the_limit(binding: Binding, recording, algorithm) -> None:
+    solver = CompiledSolver(binding, "distances", 1.0, solver=algorithm, maximum_evaluations=9)
+    found = solved(solver, binding, recording)
+    # Some of them end the step that they are in.
+    assert (found.evaluations <= 2 * 9).all()
+    assert np.isfinite(found.values).all()
+    lower, upper = binding.rig.bounds.T
+    assert ((found.values >= lower) & (found.values <= upper)).all()
+
+
+@here
+def test_the_best_point_is_kept(binding: Binding, recording) -> None:
+    """The cost that is told is the cost of the answer that is given."""
+    solver = CompiledSolver(binding, "distances", 1.0, solver="LN_PRAXIS", maximum_evaluations=40)
+    found = solved(solver, binding, recording)
+    targets = binding.orientation.apply(recording.positions)
+    for target, values, cost in zip(targets, found.values, found.costs, strict=True):
+        distances = np.linalg.norm(binding.evaluate(values)[0] - target, axis=1)
+        assert binding.weights[0] * np.nansum(distances) == pytest.approx(cost, rel=1e-9)
+
+
+@here
+def test_a_thousand_solvers_leave_nothing(binding: Binding) -> None:
+    """Solvers that are dropped free nlopt's memory and their own."""
+    statistics = Path("/proc/self/statm")
+    if not statistics.exists():
+        pytest.skip("the size of a process is read from /proc")
+    slots = pack(binding)
+    frame = pack_frames(binding.evaluate(binding.reference_parameters)[0][None], binding.weights)[0]
+
+    def use(times: int) -> list[weakref.ref]:
+        made = []
+        for _ in range(times):
+            solver = native.NativeSolver(
+                slots,
+                make_room(slots),
+                objective=0,
+                threshold=1.0,
+                algorithm=nlopt.LD_SLSQP,
+                scale=np.ones(10),
+                bounds=np.ascontiguousarray(binding.rig.bounds),
+                tolerances=(1e-7, 1e-11),
+                maximum_evaluations=5,
+            )
+            assert solver.solve(frame, np.full(10, 0.1), None) != 0
+            assert solver.evaluations >= 5
+            made.append(weakref.ref(solver))
+        return made
+
+    def size() -> int:
+        return int(statistics.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    use(100)
+    gc.collect()
+    before = size()
+    made = use(1000)
+    assert [one for one in made if one() is not None] == []
+    # An nlopt object and its copies of the bounds are some kilobytes each.
+    assert size() - before < 1000 * 1000
+
+
+def test_without_c_functions_the_answers_are_the_same(
+    binding: Binding, recording, monkeypatch
+) -> None:
+    """Where nlopt's wheel shows no functions, its Python classes do it."""
+    fast = fit_shape(binding, recording)
+    monkeypatch.setattr(native, "library", lambda: None)
+    slow = fit_shape(binding, recording)
+    reach = np.ptp(binding.rig.bounds, axis=1)
+    apart = np.abs(fast.parameters.values - slow.parameters.values) / reach
+    assert apart.max() < 1e-4
+    np.testing.assert_allclose(slow.costs, fast.costs, rtol=1e-6)
+    # Newton's method needs no nlopt.
+    newton = fit_shape(binding, recording, solver="newton")
+    np.testing.assert_allclose(newton.costs, fast.costs, rtol=1e-6)
+
+
+def test_newton_alone_where_it_is_not_to_be_had(binding: Binding, make_tracks, some_values):
+    """With a refined pose another solver does it, and says so."""
+    whole = make_tracks(binding, some_values)
+    with pytest.warns(MocapFitWarning, match="'newton' is not to be had"):
+        fit = fit_shape(binding, whole, solver="newton", objective="squares", refine_pose=True)
+    np.testing.assert_allclose(fit.parameters.values[0], some_values, atol=1e-4)
+
+
+_WITHOUT_NUMBA = """
+    import sys
+
+    class Blocked:
+        def find_spec(self, name, path=None, target=None):
+            if name.split(".")[0] in ("numba", "llvmlite"):
+                raise ImportError(f"no module named {name}")
+
+    sys.meta_path.insert(0, Blocked())
+    import numpy as np
+    from corpus_tools.simulate import Conditions, Session
+    from mocap_fit.face import load_face
+    from mocap_fit.fitting import fit_shape, load_layout
+    from mocap_fit.tracks import MarkerTracks
+
+    binding = Session(load_layout("face30-head5"), load_face(), Conditions(noise=0.0)).binding
+    stored = np.load(sys.argv[1])
+    recording = MarkerTracks(binding.names, 60.0, stored["positions"], name="slow")
+    fits = {o: fit_shape(binding, recording, objective=o) for o in ("distances", "squares")}
+    assert "numba" not in sys.modules
+    np.savez(
+        sys.argv[2],
+        **{f"{o}_values": fit.parameters.values for o, fit in fits.items()},
+        **{f"{o}_deviations": fit.parameters.standard_deviations for o, fit in fits.items()},
+        **{f"{o}_costs": fit.costs for o, fit in fits.items()},
+    )
+"""
+
+
+def test_without_numba_the_answers_are_the_same(binding: Binding, recording, tmp_path) -> None:
+    given, taken = tmp_path / "given.npz", tmp_path / "taken.npz"
+    np.savez(given, positions=recording.positions)
+    subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(_WITHOUT_NUMBA), str(given), str(taken)],
+        check=True,
+        cwd=ROOT,
+        timeout=120,
+    )
+    without = np.load(taken)
+    reach = np.ptp(binding.rig.bounds, axis=1)
+    for objective in ("distances", "squares"):
+        fit = fit_shape(binding, recording, objective=objective)
+        apart = np.abs(fit.parameters.values - without[f"{objective}_values"]) / reach
+        assert apart.max() < 1e-4
+        np.testing.assert_allclose(without[f"{objective}_costs"], fit.costs, rtol=1e-6)
+        np.testing.assert_allclose(
+            without[f"{objective}_deviations"],
+            fit.parameters.standard_deviations,
+            rtol=1e-3,
+        )
