@@ -3,6 +3,7 @@
 from mocap_fit.fitting.binding import Binding, bind_markers
 from mocap_fit.fitting.layout import Layout, LayoutMarker, load_layout, shipped_layouts
 from mocap_fit.fitting.orientation import Orientation, fit_orientation
+from mocap_fit.fitting.over_time import fit_over_time
 from mocap_fit.fitting.shape import ShapeFit, fit_shape
 
 __all__ = [
@@ -13,6 +14,7 @@ __all__ = [
     "ShapeFit",
     "bind_markers",
     "fit_orientation",
+    "fit_over_time",
     "fit_shape",
     "load_layout",
     "shipped_layouts",

@@ -239,6 +239,17 @@ def bind_markers(
     )
 
 
+def check_recording(binding: Binding, recording: MarkerTracks) -> None:
+    """Refuse a recording that lacks markers of the binding, with a `DataError` that names them."""
+    missing = [name for name in binding.names if name not in recording.names]
+    if missing:
+        raise DataError(
+            f"the recording '{recording.name}' lacks markers of the layout: {', '.join(missing)}",
+            found=", ".join(recording.names),
+            advice="Choose the layout that the recording was made with, or correct its names.",
+        )
+
+
 class _Tied(NamedTuple):
     vertex_ids: IndexArray
     corners: NDArray[np.int64]

@@ -230,6 +230,8 @@ class NativeSolver:
         # The table holds addresses alone: what they point to must live as long.
         self._kept = rows
         c = self._library
+        # LN_PRAXIS draws directions: the same ones, whatever was solved before.
+        nlopt.srand(1)
         self._optimiser = c.nlopt_create(algorithm, count)
         c.nlopt_set_min_objective(self._optimiser, _objective.address, self._table.ctypes.data)
         self._absolute = np.full(count, tolerances[0]) / scale

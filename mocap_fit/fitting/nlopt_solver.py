@@ -74,6 +74,8 @@ class NloptSolver:
         self._bounds = bounds
         self._x = np.zeros(len(self._scale))
         self._x[: self._count] = binding.reference_parameters
+        # LN_PRAXIS draws directions: the same ones, whatever was solved before.
+        nlopt.srand(1)
         self._optimiser = nlopt.opt(getattr(nlopt, algorithm), len(self._x))
         self._optimiser.set_min_objective(self._cost)
         self._optimiser.set_xtol_abs(VALUE_TOLERANCE / self._scale)

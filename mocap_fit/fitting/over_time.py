@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mocap_fit.errors import ConfigurationError, DataError
-from mocap_fit.fitting.binding import Binding
+from mocap_fit.fitting.binding import Binding, check_recording
 from mocap_fit.fitting.frame_costs import FrameCosts, Gauge, LocalCosts, gauge_of
 from mocap_fit.fitting.objective import OBJECTIVES, Evaluator, Objective
 from mocap_fit.fitting.shape import ShapeFit
@@ -30,10 +30,9 @@ from mocap_fit.fitting.smoothness import (
     smallest_in_box,
     times,
 )
+from mocap_fit.fitting.solving import BRIDGED
 from mocap_fit.tracks import FloatArray, MarkerTracks
 
-# Status of a frame that could not be fitted alone, and has its values from its neighbours.
-BRIDGED = 6
 # The markers' noise counts as this much at least (mm), so that it can be divided by.
 _LEAST_NOISE = 1e-6
 # The solver stops where all steps are below this, in units of the parameters, or the total cost
@@ -456,14 +455,7 @@ def _check(
             expected=f"those of the binding, {len(binding.parameter_names)} and "
             f"{len(binding.names)}",
         )
-    missing = [name for name in binding.names if name not in recording.names]
-    if missing:
-        raise DataError(
-            f"the recording '{recording.name}' lacks {len(missing)} markers of the layout: "
-            f"{', '.join(missing)}",
-            found=", ".join(recording.names),
-            advice="Choose the layout that the recording was made with, or correct its names.",
-        )
+    check_recording(binding, recording)
     if (fit.parameters.frames, fit.parameters.rate) != (recording.frames, recording.rate):
         raise DataError(
             f"the frame-by-frame fit is not of the recording '{recording.name}'",

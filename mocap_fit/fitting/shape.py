@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.errors import ConfigurationError, DataError, MocapFitWarning
-from mocap_fit.fitting.binding import Binding
+from mocap_fit.fitting.binding import Binding, check_recording
 from mocap_fit.fitting.objective import OBJECTIVES, Evaluator, Objective
 from mocap_fit.fitting.orientation import moved_by_pose
 from mocap_fit.fitting.precision import parameter_covariance, parameter_deviations
@@ -50,7 +50,7 @@ class ShapeFit:
     evaluations
         `(frames,)`: how often the objective was evaluated.
     status
-        `(frames,)`: why the solver stopped; `STATUS` says each in words.
+        `(frames,)`: why the solver stopped; `mocap_fit.fitting.solving.STATUS` says each in words.
     pose_corrections
         `(frames, 6)`: rotation vector (radians) about the middle of the head markers, and
         translation (millimetres of the face), found with ``refine_pose``; else zeros.
@@ -76,7 +76,7 @@ class ShapeFit:
     def __str__(self) -> str:
         fitted = self.fitted
         residuals = self.parameters.residuals[fitted]
-        middle = float(np.median(residuals)) if fitted.any() else float("nan")
+        middle = float(np.nanmedian(residuals)) if fitted.any() else float("nan")
         return (
             f"{int(fitted.sum())} of {len(fitted)} frames fitted, median residual {middle:.3f} mm, "
             f"{float(self.evaluations[fitted].mean()) if fitted.any() else 0:.0f} evaluations a "
@@ -155,14 +155,7 @@ def fit_shape(
         raise ConfigurationError(
             "the number of evaluations is not possible", found=maximum_evaluations, expected="1 up"
         )
-    missing = [name for name in binding.names if name not in recording.names]
-    if missing:
-        raise DataError(
-            f"the recording '{recording.name}' lacks {len(missing)} markers of the layout: "
-            f"{', '.join(missing)}",
-            found=", ".join(recording.names),
-            advice="Choose the layout that the recording was made with, or correct its names.",
-        )
+    check_recording(binding, recording)
     if refine_pose and len(binding.head_names) < 3:
         raise ConfigurationError(
             "refining the pose needs head markers in the layout and the reference pose",

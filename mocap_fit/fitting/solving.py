@@ -37,7 +37,7 @@ PLAIN = "LD_SLSQP"
 # Solvers stop when no parameter changes by the first, or the cost by the second part of it.
 VALUE_TOLERANCE, COST_TOLERANCE = 1e-7, 1e-11
 
-NOT_FITTED = 0
+NOT_FITTED, BRIDGED = 0, 6
 STATUS = {
     NOT_FITTED: "not fitted: too few markers are visible",
     1: "converged",
@@ -47,6 +47,7 @@ STATUS = {
     5: "stopped: maximum number of evaluations",
     -4: "converged as far as rounding lets it",
     -1: "converged: no step lowers the cost",
+    BRIDGED: "bridged: too few markers; values from the neighbouring frames",
 }
 
 

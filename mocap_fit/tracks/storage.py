@@ -415,7 +415,12 @@ def read_parquet(path: str | os.PathLike[str]) -> Tracks:
 
     try:
         with open(path, "rb") as stream:
-            table = pq.read_table(stream, page_checksum_verification=True)
+            table = pq.read_table(
+                stream,
+                page_checksum_verification=True,
+                # Damaged files have ended the process from within a thread.
+                use_threads=False,
+            )
     except pa.ArrowException as error:
         raise FileFormatError(
             "this is not a whole Parquet file",

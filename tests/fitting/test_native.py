@@ -156,6 +156,21 @@ def test_without_c_functions_the_answers_are_the_same(
     np.testing.assert_allclose(newton.costs, fast.costs, rtol=1e-6)
 
 
+@pytest.mark.parametrize("through", ["C", "Python"])
+@pytest.mark.parametrize("algorithm", ["LN_PRAXIS", "LN_SBPLX", "LD_LBFGS", "newton-nlopt"])
+def test_what_was_solved_before_does_not_count(
+    binding: Binding, recording, monkeypatch, algorithm, through
+) -> None:
+    """The same bytes again: results do not depend on which process fitted what before."""
+    if through == "Python":
+        monkeypatch.setattr(native, "library", lambda: None)
+    first, second = (
+        fit_shape(binding, recording, solver=algorithm, maximum_evaluations=300).parameters.values
+        for _ in range(2)
+    )
+    np.testing.assert_array_equal(first, second)
+
+
 def test_newton_alone_where_it_is_not_to_be_had(binding: Binding, make_tracks, some_values):
     """With a refined pose another solver does it, and says so."""
     whole = make_tracks(binding, some_values)

@@ -17,8 +17,8 @@ from mocap_fit.fitting import Binding, Layout, bind_markers, fit_orientation, fi
 from mocap_fit.fitting import smoothness as algebra
 from mocap_fit.fitting.frame_costs import FrameCosts
 from mocap_fit.fitting.objective import OBJECTIVES, Evaluator
-from mocap_fit.fitting.over_time import BRIDGED, fit_over_time
-from mocap_fit.fitting.shape import NOT_FITTED
+from mocap_fit.fitting.over_time import fit_over_time
+from mocap_fit.fitting.solving import BRIDGED, NOT_FITTED
 from mocap_fit.head import remove_head_motion
 from mocap_fit.tracks import MarkerTracks
 
@@ -394,7 +394,7 @@ def test_impossible_settings(binding: Binding, recording, alone, setting, words)
 def test_fit_and_recording_belong_together(binding: Binding, recording, alone) -> None:
     with pytest.raises(DataError, match="not of the recording"):
         fit_over_time(binding, recording.between(0.0, 0.2), alone)
-    with pytest.raises(DataError, match="lacks 1 markers"):
+    with pytest.raises(DataError, match="lacks markers of the layout"):
         fit_over_time(binding, recording.select(binding.names[1:]), alone)
     other = dataclasses.replace(alone, marker_names=alone.marker_names[::-1])
     with pytest.raises(DataError, match="another face or layout"):
