@@ -331,9 +331,9 @@ class Meter:
         total = sum(self._sizes)
         left = max(0.0, total - fitted - self._kept)
         passed = max(time.monotonic() - self._began, 1e-3)
-        text = f"{self._count} of {len(self._sizes)}, {frames} frames"
+        text = f"{self._count} of {len(self._sizes)}"
         if frames:
-            text += f", {frames / passed:.0f} frames/s"
+            text += f", {frames} frames, {frames / passed:.0f} frames/s"
             if self._count < len(self._sizes):
                 minutes, seconds = divmod(math.ceil(passed * left / fitted), 60)
                 text += f", {minutes}:{seconds:02d} left"

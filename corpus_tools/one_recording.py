@@ -202,9 +202,11 @@ def _fitted(
         recording = read_tracks(file)
     with _timed(seconds, "head_motion"):
         still, motion = task.speaker.remove_head_motion(recording)
+    # A long recording is not kept in both coordinates.
+    del recording
     with _timed(seconds, "fitting"):
         result = task.speaker.fit_still(
-            still, task.options, lambda frames: told(frames, recording.frames)
+            still, task.options, lambda frames: told(frames, still.frames)
         )
     came_of_it = {
         "inputs": made_from,
