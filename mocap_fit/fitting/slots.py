@@ -180,15 +180,21 @@ def _stages(compiled: CompiledRig) -> list[tuple[int, Any]]:
 def _slot_vertices(binding: Binding) -> NDArray[np.int64]:
     """Vertex of every slot, `(slots, markers)`, as positions in the binding's vertices.
 
-    The ring is closed: where the surface ends at v1, v1 itself stands between the ring's ends,
-    and adds nothing to the normal. Shorter rings repeat their last vertex, which adds nothing
-    either; the padding markers repeat the last marker.
+    The ring is closed: where the surface ends at v1, or falls into pieces there, v1 itself stands
+    between the ends, and adds nothing to the normal. Shorter rings repeat their last vertex, which
+    adds nothing either; the padding markers repeat the last marker.
     """
     rings = []
-    for m, (first, second, _) in enumerate(binding.corners):
+    for m, (first, second, third) in enumerate(binding.corners):
         pairs = binding.rings[binding.ring_starts[m] : binding.ring_starts[m + 1]]
         following = dict(pairs.tolist())
         ring: list[int] = []
+        if len(following) < len(pairs):
+            # An edge with a third triangle, or a reversed one: each for itself, v2 v3 first.
+            own = pairs.tolist().index([second, third])
+            for i in [own, *range(own), *range(own + 1, len(pairs))]:
+                ring += [*pairs[i].tolist(), int(first)]
+            following = {}
         starts = [int(second), *sorted(set(following) - set(following.values())), *following]
         for start in starts:
             vertex = start
@@ -197,7 +203,8 @@ def _slot_vertices(binding: Binding) -> NDArray[np.int64]:
                 fan.append(vertex)
                 vertex = following.pop(vertex)
             if fan:
-                ring += fan if vertex == fan[0] else [*fan, vertex, int(first)]
+                alone = vertex == fan[0] and len(fan) == len(pairs)
+                ring += fan if alone else [*fan, vertex, int(first)]
         rings.append([int(first), *ring])
     longest = max(map(len, rings))
     padded = [ring + [ring[-1]] * (longest - len(ring)) for ring in rings]

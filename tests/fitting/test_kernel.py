@@ -1,5 +1,6 @@
 """The packed kernel against plain numpy, on rigs and meshes of every kind."""
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -217,6 +218,47 @@ def test_blocks_end_where_they_should(markers: int) -> None:
     expected, expected_slope = in_numpy(case, "distances", case.values)
     assert value == pytest.approx(expected, rel=1e-12)
     assert_close(slope, expected_slope)
+
+
+@pytest.mark.parametrize(
+    "fans",
+    [
+        [[1, 2], [2, 3], [3, 1]],
+        [[1, 2], [2, 3], [3, 1], [4, 5], [5, 6], [6, 4]],  # two cones that touch at their tips
+        [[1, 2], [2, 3], [3, 1], [4, 5], [5, 6]],
+        [[1, 2], [4, 5], [5, 6]],
+        [[5, 1], [1, 2], [2, 3], [3, 4]],
+        [[1, 2], [2, 3], [2, 4], [4, 5]],  # three triangles on an edge
+        [[1, 2], [3, 2], [3, 4], [4, 5]],  # a triangle the wrong way round
+        [[1, 3], [1, 2], [2, 4]],  # and the marker's own triangle not the first of its edge
+        [[1, 2], [1, 2], [2, 1]],
+    ],
+)
+def test_rings_of_any_mesh(fans: list[list[int]]) -> None:
+    """Meshes from elsewhere have all kinds of surroundings; eq. 2 adds up all triangles."""
+    case = make_case(29, [Kind.TRANSLATION, Kind.ROTATION, Kind.SCALING], 3, 3)
+    rng = np.random.default_rng(1)
+    vertices = rng.uniform(-10.0, 10.0, (7, 3))
+    compiled = dataclasses.replace(
+        case.binding.compiled,
+        vertex_ids=np.arange(7),
+        rest=vertices,
+        weights=rng.uniform(0.0, 1.0, (3, 7)),
+    )
+    plain = [[1, 2], [2, 3], [3, 4], [4, 1]]
+    binding = dataclasses.replace(
+        case.binding,
+        vertex_ids=np.arange(7),
+        compiled=compiled,
+        corners=np.array([[0, 1, 2]] * 3),
+        ring_starts=np.cumsum([0, 4, len(fans), 4]),
+        rings=np.array([*plain, *fans, *plain]),
+    )
+    slots = pack(binding)
+    found, slopes = markers_of_frames(slots, kernel.make_room(slots), case.values[None], 3)
+    positions, expected = binding.evaluate(case.values)
+    assert_close(found[0], positions)
+    assert_close(slopes[0], expected)
 
 
 def test_what_is_hidden_does_not_count() -> None:
