@@ -211,7 +211,7 @@ def _fitted(
     came_of_it = {
         "inputs": made_from,
         "head_residual_mm": float(np.nanmedian(motion.residuals)),
-        "unfinished_frames": int(np.isin(result.status, (-1, 5)).sum()),
+        "unfinished_frames": int((result.status == 5).sum()),
         "evaluations_per_frame": float(result.evaluations[result.fitted].mean()),
     }
     return result.parameters.with_step(_STEP, came_of_it)
