@@ -144,6 +144,10 @@ def fit(
     refine_pose: Annotated[
         bool, typer.Option("--refine-pose", help="Find the head's pose together with the shape.")
     ] = False,
+    smooth: Annotated[
+        bool,
+        typer.Option("--smooth", help="Fit all frames together, as smooth as the data tell."),
+    ] = False,
     jobs: Annotated[int, typer.Option(min=0, help="How many processes; 0: one a core.")] = 1,
     dask: Annotated[
         str | None,
@@ -174,6 +178,7 @@ def fit(
         _one_of(objective, OBJECTIVES, "--objective"),  # type: ignore[arg-type]
         _one_of(solver, SOLVERS, "--solver"),
         refine_pose,
+        smooth,
     )
     raise typer.Exit(
         command.run(

@@ -240,7 +240,7 @@ def _figures(tracks: ParameterTracks) -> dict[str, Any]:
     return {
         "frames": tracks.frames,
         "fitted": int(fitted.sum()),
-        "residual_mm": float(np.median(tracks.residuals[fitted])),
+        "residual_mm": float(np.nanmedian(tracks.residuals[fitted])),
         "head_residual_mm": came_of_it["head_residual_mm"],
         "uncertain_frames": int(tracks.uncertain.any(axis=1).sum()),
         "unfinished_frames": came_of_it["unfinished_frames"],

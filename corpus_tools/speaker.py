@@ -20,6 +20,7 @@ from mocap_fit.fitting import (
     ShapeFit,
     bind_markers,
     fit_orientation,
+    fit_over_time,
     fit_shape,
     load_layout,
 )
@@ -33,11 +34,15 @@ from mocap_fit.tracks.rigid import refusal
 
 @dataclass(frozen=True)
 class Options:
-    """How recordings are fitted; see `mocap_fit.fitting.fit_shape`."""
+    """How recordings are fitted; see `mocap_fit.fitting.fit_shape`.
+
+    With ``smooth``, `mocap_fit.fitting.fit_over_time` follows.
+    """
 
     objective: Objective = "distances"
     solver: str = "newton-nlopt"
     refine_pose: bool = False
+    smooth: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +131,7 @@ class Speaker:
 
         ``progress`` is called with the number of frames done so far.
         """
-        return fit_shape(
+        alone = fit_shape(
             self.binding,
             still,
             objective=options.objective,
@@ -134,6 +139,9 @@ class Speaker:
             refine_pose=options.refine_pose,
             progress=progress,
         )
+        if not options.smooth:
+            return alone
+        return fit_over_time(self.binding, still, alone, objective=options.objective)
 
     def fingerprint(self, options: Options) -> str:
         """A sum over all but the recording that the result depends on.
