@@ -49,7 +49,7 @@ RATE, NOISE, SEED = 60.0, 0.3, 1
 POWELL, LEAST_SQUARES = "scipy Powell", "scipy least_squares"
 # Frames that a method gets, and with --quick; the first two get all.
 FRAMES = 3000
-OF_GRADIENT, OF_VALUES, OF_POWELL, OF_LEAST_SQUARES = (1000, 150), (100, 15), (50, 20), (30, 5)
+OF_GRADIENT, OF_VALUES, OF_POWELL, OF_LEAST_SQUARES = (1000, 100), (100, 12), (50, 20), (30, 4)
 
 
 class Problem(NamedTuple):
@@ -70,89 +70,101 @@ class Answer(NamedTuple):
 class NumpyMarkers:
     """Virtual markers in numpy, without derivatives, as fast as numpy gets.
 
-    Linear operations that follow each other are one product, each rotation or scaling touches
-    the vertices that it moves alone, and the triangles round all markers are one array.
+    Coordinates come first; linear operations that follow each other are one product, a rotation
+    is two more and touches the vertices that it moves alone, and the triangles round all markers
+    are added up by one product.
     """
 
     def __init__(self, binding: Binding) -> None:
         compiled = binding.compiled
         assert compiled is not None
-        self._rest = compiled.rest
+        self._rest = np.ascontiguousarray(compiled.rest.T)
         self._stages: list[tuple[Callable[..., None], tuple]] = []
-        linear: list[int] = []
+        linear: list[tuple[int, FloatArray]] = []
+        turned = False
         for i, kind in enumerate(compiled.kinds):
-            if kind in (Kind.TRANSLATION, Kind.FIELD):
-                linear.append(i)
-                continue
-            self._add_linear(compiled, linear)
-            linear = []
-            touched = np.flatnonzero(compiled.weights[i])
-            if touched.size:
-                turn = dataclasses.replace(
-                    compiled.take(touched),
-                    kinds=compiled.kinds[i : i + 1],
-                    parameters=compiled.parameters[i : i + 1],
-                    weights=compiled.weights[i : i + 1, touched],
-                    vectors=compiled.vectors[i : i + 1],
-                    centres=compiled.centres[i : i + 1],
-                )
-                self._stages.append((_turn if kind == Kind.ROTATION else _scale, (touched, turn)))
-        self._add_linear(compiled, linear)
-        self._first, second, third = binding.corners.T
-        self._others = np.stack([second, third])
-        s, t, self._u = (column[:, None] for column in binding.coordinates.T)
-        self._share, self._st = 1.0 - s - t, np.stack([s, t])
-        self._centres = np.repeat(self._first, np.diff(binding.ring_starts))
-        self._one, self._other = binding.rings.T
-        self._starts = binding.ring_starts[:-1]
+            parameter = int(compiled.parameters[i])
+            weights, vector, centre = compiled.weights[i], compiled.vectors[i], compiled.centres[i]
+            effect = weights[:, None] * vector
+            untouched = not turned and not any((field * effect.T).any() for _, field in linear)
+            if kind == Kind.FIELD:
+                linear.append((parameter, compiled.fields[i].T))
+            elif kind == Kind.TRANSLATION:
+                linear.append((parameter, effect.T))
+            elif kind == Kind.SCALING and untouched:
+                linear.append((parameter, (effect * (compiled.rest - centre)).T))
+            else:
+                self._add_linear(linear)
+                linear, turned = [], True
+                touched = np.flatnonzero(weights)
+                place = centre[:, None]
+                if kind == Kind.SCALING:
+                    part = np.ascontiguousarray(effect[touched].T)
+                    self._stages.append((_scale, (parameter, touched, part, place)))
+                elif touched.size and vector.any():
+                    angle = np.sqrt(vector @ vector)
+                    x, y, z = vector / angle
+                    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+                    turns = np.concatenate([across, across @ across])
+                    angles = angle * weights[touched]
+                    self._stages.append((_turn, (parameter, touched, angles, turns, place)))
+        self._add_linear(linear)
+        count = len(binding.names)
+        self._corners = np.ascontiguousarray(binding.corners.T).ravel()
+        s, t, self._u = np.ascontiguousarray(binding.coordinates.T)
+        self._shares = np.stack([1.0 - s - t, s, t])
+        owner = np.repeat(np.arange(count), np.diff(binding.ring_starts))
+        self._edges = np.concatenate([binding.rings[:, 0], binding.rings[:, 1]])
+        self._centres = np.tile(binding.corners[owner, 0], 2)
+        self._sums = (owner[:, None] == np.arange(count)).astype(float)
 
-    def _add_linear(self, compiled: CompiledRig, operations: list[int]) -> None:
-        if operations:
-            fields = np.array(
-                [
-                    compiled.fields[i]
-                    if compiled.kinds[i] == Kind.FIELD
-                    else compiled.weights[i][:, None] * compiled.vectors[i]
-                    for i in operations
-                ]
-            ).reshape(len(operations), -1)
-            self._stages.append((_move, (compiled.parameters[operations], fields)))
+    def _add_linear(self, linear: list[tuple[int, FloatArray]]) -> None:
+        if linear:
+            parameters = np.array([parameter for parameter, _ in linear])
+            fields = np.array([field.ravel() for _, field in linear])
+            self._stages.append((_move, (parameters, fields)))
 
     def __call__(self, values: FloatArray) -> FloatArray:
-        """Virtual markers `(markers, 3)` at `(parameters,)` values."""
+        """Virtual markers `(3, markers)` at `(parameters,)` values."""
         x = self._rest.copy()
         for stage, arguments in self._stages:
             stage(x, values, *arguments)
-        centre = x[self._centres]
-        a0, a1, a2 = (x[self._one] - centre).T
-        b0, b1, b2 = (x[self._other] - centre).T
-        across = np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
-        normal = np.add.reduceat(across, self._starts, axis=1)
-        normal /= np.sqrt((normal * normal).sum(axis=0))
-        placed = self._share * x[self._first] + (self._st * x[self._others]).sum(axis=0)
-        return placed + self._u * normal.T
+        edges = x.take(self._edges, axis=1)
+        edges -= x.take(self._centres, axis=1)
+        half = edges.shape[1] // 2
+        (a0, a1, a2), (b0, b1, b2) = edges[:, :half], edges[:, half:]
+        across = np.empty((3, half))
+        np.subtract(a1 * b2, a2 * b1, out=across[0])
+        np.subtract(a2 * b0, a0 * b2, out=across[1])
+        np.subtract(a0 * b1, a1 * b0, out=across[2])
+        normals = across @ self._sums
+        normals *= self._u / np.sqrt(np.einsum("im,im->m", normals, normals))
+        corners = x.take(self._corners, axis=1).reshape(3, 3, -1)
+        return np.einsum("icm,cm->im", corners, self._shares) + normals
 
 
 def _move(x: FloatArray, values: FloatArray, parameters: FloatArray, fields: FloatArray) -> None:
     x += (values[parameters] @ fields).reshape(x.shape)
 
 
-def _scale(x: FloatArray, values: FloatArray, touched: FloatArray, one: CompiledRig) -> None:
-    part = x[touched]
-    effect = values[one.parameters[0]] * one.weights[0][:, None] * one.vectors[0]
-    x[touched] = part + effect * (part - one.centres[0])
+def _scale(  # scalings that follow a rotation
+    x: FloatArray, values: FloatArray, parameter: int, touched, effect, centre
+) -> None:
+    part = x.take(touched, axis=1)
+    x[:, touched] = part + values[parameter] * effect * (part - centre)
 
 
-def _turn(x: FloatArray, values: FloatArray, touched: FloatArray, one: CompiledRig) -> None:
-    vector, centre = one.vectors[0], one.centres[0]
-    angle = float(np.sqrt(vector @ vector))
-    k0, k1, k2 = axis = vector / angle
-    amounts = (values[one.parameters[0]] * angle) * one.weights[0]
-    d = x[touched] - centre
-    sine, versine = np.sin(amounts)[:, None], (1.0 - np.cos(amounts))[:, None]
-    d0, d1, d2 = d.T
-    cross = np.stack([k1 * d2 - k2 * d1, k2 * d0 - k0 * d2, k0 * d1 - k1 * d0], axis=1)
-    x[touched] += sine * cross + versine * ((d @ axis)[:, None] * axis - d)
+def _turn(
+    x: FloatArray, values: FloatArray, parameter: int, touched, angles, turns, centre
+) -> None:
+    amounts = values[parameter] * angles
+    part = x.take(touched, axis=1)
+    both = turns @ (part - centre)
+    both[:3] *= np.sin(amounts)
+    both[3:] *= 1.0 - np.cos(amounts)
+    part += both[:3]
+    part += both[3:]
+    x[:, touched] = part
 
 
 def make_problem(frames: int, binding: Binding | None = None) -> Problem:
@@ -164,8 +176,9 @@ def make_problem(frames: int, binding: Binding | None = None) -> Problem:
     count = len(binding.parameter_names)
     truth = np.stack([gesture(rng, frames, RATE, 3.0, -0.2, 0.9) for _ in range(count)], axis=1)
     markers = NumpyMarkers(binding)
-    np.testing.assert_allclose(markers(truth[0]), binding.evaluate(truth[0])[0], atol=1e-9)
-    positions = np.array([markers(values) for values in truth])
+    for values in truth[:3]:
+        np.testing.assert_allclose(markers(values).T, binding.evaluate(values)[0], atol=1e-9)
+    positions = np.array([markers(values).T for values in truth])
     positions += rng.normal(0.0, NOISE, positions.shape)
     positions = binding.orientation.undo(positions)
     return Problem(binding, MarkerTracks(binding.names, RATE, positions, name="made"), truth)
@@ -186,9 +199,9 @@ def scipy_powell(problem: Problem, frames: int) -> Answer:
 
     def cost(values: FloatArray, target: FloatArray) -> float:
         difference = markers(values) - target
-        return float(weights @ np.sqrt(np.einsum("mi,mi->m", difference, difference)))
+        return float(weights @ np.sqrt(np.einsum("im,im->m", difference, difference)))
 
-    for target in targets[:frames]:
+    for target in targets[:frames].transpose(0, 2, 1).copy():
         found = minimize(
             cost,
             x,
@@ -288,7 +301,7 @@ def true_costs(problem: Problem, values: FloatArray) -> FloatArray:
     markers, weights = NumpyMarkers(problem.binding), problem.binding.weights
     return np.array(
         [
-            weights @ np.linalg.norm(markers(v) - target, axis=1)
+            weights @ np.linalg.norm(markers(v).T - target, axis=1)
             for v, target in zip(values, problem.recording.positions, strict=False)
         ]
     )
