@@ -2,11 +2,13 @@
 
 import hashlib
 import json
+import multiprocessing
 import os
 import random
 import signal
 import subprocess
 import sys
+import threading
 import time
 from importlib import resources
 
@@ -337,6 +339,24 @@ class TestStopped:
         assert "Traceback" not in said
         wait_until(lambda: is_gone(process.pid))
         assert not list(out.glob(".*"))
+
+    def test_a_process_that_is_killed_from_outside_costs_nothing(self, longer, tmp_path):
+        """What it was at is taken up by another."""
+        assert fit(longer, tmp_path / "whole") == 0
+        out, killed = tmp_path / "out", []
+
+        def kill_one():
+            wait_until(lambda: out.exists() and any(out.glob("*.parquet")))
+            victim = multiprocessing.active_children()[0]
+            victim.kill()
+            killed.append(victim.pid)
+
+        killer = threading.Thread(target=kill_one)
+        killer.start()
+        assert fit(longer, out, "--jobs", 2) == 0
+        killer.join()
+        assert len(killed) == 1
+        assert sums(out) == sums(tmp_path / "whole")
 
 
 class TestCluster:
