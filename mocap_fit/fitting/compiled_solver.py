@@ -26,7 +26,7 @@ from mocap_fit.tracks import FloatArray
 
 # Newton's method ends a frame when a round lowers its cost by less than this part of it. With
 # nlopt to follow it need only predict.
-_NEWTON_TOLERANCE, _PREDICTION_TOLERANCE = 1e-9, 1e-6
+_NEWTON_TOLERANCE, _PREDICTION_TOLERANCE = 1e-8, 1e-6
 # What nlopt must still gain on Newton's answer to go on.
 _CERTIFIED = 1e-8
 
