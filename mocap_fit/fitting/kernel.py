@@ -19,9 +19,9 @@ import numpy as np
 from mocap_fit.fitting.slots import LANES, LINEAR, ROTATION, Slots
 from mocap_fit.tracks import FloatArray
 
-# Sums may be taken in another order, so that they can be taken side by side; NaN stays NaN.
-_REORDER = {"reassoc", "contract", "arcp", "nsz"}
-compiled: Any = numba.njit(cache=True, error_model="numpy", nogil=True, fastmath=_REORDER)
+# No "fast math": what it reorders depends on where a function is compiled into, so that a run that
+# compiles and one that finds its kernels in the cache would differ in the last bits.
+compiled: Any = numba.njit(cache=True, error_model="numpy", nogil=True)
 
 DISTANCES, SQUARES, HUBER = 0, 1, 2
 
