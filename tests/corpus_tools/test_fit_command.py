@@ -324,3 +324,19 @@ def test_as_a_process(session, fitted, tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert sums(tmp_path / "out") == {"sim002.parquet": sums(fitted)["sim002.parquet"]}
+
+
+def test_smooth_lowers_the_error(session, fitted, tmp_path):
+    out = tmp_path / "smooth"
+    assert fit(session, out, *session.recordings, options=["--smooth"]) == 0
+    errors = {}
+    for folder in (fitted, out):
+        differences = [
+            read_parquet(folder / f"{path.stem}.parquet").values
+            - read_parquet(path.parents[1] / "truth" / "tracks" / f"{path.stem}.parquet").values
+            for path in session.recordings
+        ]
+        errors[folder] = np.sqrt(np.nanmean(np.concatenate(differences) ** 2, axis=0))
+    assert errors[out].mean() < 0.9 * errors[fitted].mean()
+    step = read_parquet(out / f"{session.recordings[0].stem}.parquet").provenance
+    assert "fit_over_time" in [s.name for s in step]
