@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mocap_fit.errors import ConfigurationError
-from mocap_fit.face.builtin import built_in_head, follow_map, reshape_head
+from mocap_fit.face.builtin import built_in_head, reshape_head
 from mocap_fit.face.builtin.cache import cache_folder, load_mesh, save_mesh
 from mocap_fit.face.mesh import Mesh
 
@@ -366,13 +366,13 @@ def test_proportions_are_human(head):
 
 
 def test_followers_are_near_their_skin(head):
-    followers, skin = follow_map(head)
-    names = ("brow_left", "brow_right", "lashes_left", "lashes_right")
-    expected = np.concatenate([head.region(name) for name in names])
-    np.testing.assert_array_equal(followers, expected)
-    assert (skin < head.part("skin").vertices.stop).all()
-    distance = np.linalg.norm(head.vertices[followers] - head.vertices[skin], axis=1)
-    assert distance.max() < 6
+    """The rig gives them the weights of the nearest skin, which must be the skin they lie on."""
+    on_skin = head.vertices[head.region("skin")]
+    for name in ("brow_left", "brow_right", "lashes_left", "lashes_right"):
+        followers = head.vertices[head.region(name)]
+        distance = np.linalg.norm(followers[:, None] - on_skin, axis=2).min(axis=1)
+        assert len(distance) > 0
+        assert distance.max() < 6
 
 
 def assert_same(one: Mesh, other: Mesh) -> None:

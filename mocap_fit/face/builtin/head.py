@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from mocap_fit.face.builtin.cache import cache_folder, load_mesh, save_mesh, source_key
-from mocap_fit.face.mesh import IndexArray, Mesh
+from mocap_fit.face.mesh import Mesh
 
 
 def built_in_head(*, use_cache: bool = True) -> Mesh:
@@ -43,33 +41,3 @@ def built_in_head(*, use_cache: bool = True) -> Mesh:
     if use_cache:
         save_mesh(mesh, path)
     return mesh
-
-
-def follow_map(mesh: Mesh | None = None) -> tuple[IndexArray, IndexArray]:
-    """Which skin vertex each vertex of the brows goes with when the face moves.
-
-    Parameters
-    ----------
-    mesh
-        A head of the built-in topology at rest; the built-in head itself where None.
-
-    Returns
-    -------
-    tuple
-        Vertex indices of everything that lies on the skin (the brows and the lashes), and the
-        index of the nearest skin vertex to each; both `(followers,)`.
-    """
-    mesh = built_in_head() if mesh is None else mesh
-    skin = mesh.part("skin").vertices
-    followers = np.concatenate(
-        [
-            np.arange(part.vertices.start, part.vertices.stop)
-            for part in mesh.parts
-            if part.name.startswith(("brow", "lashes"))
-        ]
-    )
-    on_skin = mesh.vertices[skin.start : skin.stop]
-    nearest = [
-        int(((on_skin - place) ** 2).sum(axis=1).argmin()) for place in mesh.vertices[followers]
-    ]
-    return followers, skin.start + np.array(nearest, dtype=np.int64)
