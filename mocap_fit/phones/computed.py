@@ -1,0 +1,146 @@
+"""Phones of any language: their features computed from IPA through panphon (Mortensen 2016)."""
+
+from __future__ import annotations
+
+import functools
+import unicodedata
+from typing import Any
+
+from mocap_fit.errors import MissingExtraError
+from mocap_fit.phones.phone_set import FEATURE_NAMES, Phone
+
+# panphon calls these back vowels.
+_CENTRAL = frozenset("ɨʉɘɵəɜɞɐa")
+_GLOTTAL_FRICATIVES = frozenset("hɦ")
+_LABIODENTAL = frozenset("fvɱʋⱱ")
+_TIES = str.maketrans("", "", "͜͡")
+
+
+def computed_phone(symbol: str) -> Phone | None:
+    """The phone that an IPA symbol stands for.
+
+    Parameters
+    ----------
+    symbol
+        One sound: a letter with its diacritics, an affricate (with or without a tie), or a
+        diphthong.
+
+    Returns
+    -------
+    Phone | None
+        None where panphon does not know the symbol, or it is more than one sound. Places that the
+        17 features lack go to the nearest: palatal is half velar, as is uvular; postalveolar is
+        alveolar with the lips pushed out; a glottal has no place. A trill is half a stop.
+
+    Raises
+    ------
+    MissingExtraError
+        If panphon is not installed.
+    """
+    table = _feature_table()
+    # IPA has letters of its own for these two, and keyboards do not.
+    text = unicodedata.normalize("NFD", symbol).replace("g", "ɡ").replace(":", "ː")
+    parts = list(table.ipa_segs(text))
+    if "".join(parts) != text:
+        # A tie that panphon's table lacks: the two sounds by themselves.
+        text = text.translate(_TIES)
+        parts = list(table.ipa_segs(text))
+    if not 1 <= len(parts) <= 2 or "".join(parts) != text:
+        return None
+    sounds = [(part, table.fts(part)) for part in parts]
+    if sounds[0][1]["syl"] == 1 and sounds[0][1]["cons"] == -1:
+        # The second part of a diphthong may be written as not syllabic.
+        if any(sound["cons"] == 1 or sound["hi"] == 0 for _, sound in sounds):
+            return None
+        each = [_vowel(part, sound) for part, sound in sounds]
+        values = {name: sum(v[name] for v in each) / len(each) for name in each[0]}
+        return _phone(symbol, "vowel", values)
+    each = [_consonant(part, sound) for part, sound in sounds]
+    if len(each) == 2 and not (each[0]["stop"] == 1 and each[1]["fricative"] == 1):
+        return None
+    values = {name: max(v[name] for v in each) for name in each[0]}
+    if len(each) == 2:
+        values["voiced"] = each[1]["voiced"]
+    return _phone(symbol, "consonant", values)
+
+
+def _phone(symbol: str, kind: Any, values: dict[str, float]) -> Phone:
+    return Phone(symbol, kind, values, ipa=(symbol,), takes_stress=kind == "vowel")
+
+
+@functools.lru_cache(maxsize=1)
+def _feature_table() -> Any:
+    try:
+        import panphon
+    except ImportError:
+        raise MissingExtraError(
+            "the features of IPA sounds need panphon, which is not installed",
+            advice="Run: pip install 'mocap-fit[speech]'",
+        ) from None
+    return panphon.FeatureTable()
+
+
+def _vowel(letters: str, sound: Any) -> dict[str, float]:
+    values = dict.fromkeys(FEATURE_NAMES[1:-1], 0.0)
+    tense = sound["tense"] == 1
+    if sound["hi"] == 1:
+        values["open"] = -1.0 if tense else -0.7
+    elif sound["lo"] == 1:
+        values["open"] = 1.0
+    else:
+        values["open"] = -0.4 if tense else 0.2
+    if letters[0] in _CENTRAL:
+        values["front"] = 0.0
+    else:
+        values["front"] = -1.0 if sound["back"] == 1 else 1.0
+    if sound["round"] == 1:
+        # The more open, the less rounded; front rounded vowels push the lips out.
+        values["rounded"] = 0.8 - 0.2 * values["open"]
+        values["protruded"] = 0.8 if values["front"] == 1 else 0.4 - 0.2 * values["open"]
+    elif values["front"] == 1:
+        values["rounded"] = -0.5 + 0.5 * values["open"] if values["open"] < 0 else -0.4
+        values["protruded"] = 0.5 * values["rounded"]
+    values["voiced"] = float(sound["voi"] == 1)
+    return values
+
+
+def _consonant(letters: str, sound: Any) -> dict[str, float]:
+    values = dict.fromkeys(FEATURE_NAMES[1:-1], 0.0)
+    # panphon has glottals as sonorants with a raised or drawn back tongue.
+    if letters[0] in _GLOTTAL_FRICATIVES:
+        return values | {"fricative": 1.0, "voiced": float(letters[0] == "ɦ")}
+    if letters[0] == "ʔ":
+        return values | {"stop": 1.0}
+    coronal, front = sound["cor"] == 1, sound["ant"] == 1
+    postalveolar = coronal and not front and sound["distr"] == 1
+    high_back = sound["hi"] == 1 and sound["back"] == 1
+    if letters[0] in _LABIODENTAL:
+        values["labiodental"] = 1.0
+    elif sound["lab"] == 1 and not high_back:
+        values["bilabial"] = 1.0
+    if coronal and front:
+        # The bridge below the letter is the mark of a dental.
+        dental = sound["distr"] == 1 or "̪" in letters
+        values["dental" if dental else "alveolar"] = 1.0
+    elif postalveolar and sound["hi"] != 1:
+        values["alveolar"] = 1.0
+    elif coronal and not postalveolar:
+        values["retroflex"] = 1.0
+    if high_back:
+        values["velar"] = 1.0
+    elif sound["hi"] == 1 or sound["back"] == 1:
+        values["velar"] = 0.5
+    obstruent = sound["son"] == -1
+    values["nasal"] = float(sound["nas"] == 1)
+    values["stop"] = float(obstruent and (sound["cont"] == -1 or sound["delrel"] == 1))
+    values["fricative"] = float(obstruent and (sound["cont"] == 1 or sound["delrel"] == 1))
+    if sound["cont"] == 1 and obstruent:
+        values["stop"] = 0.0
+    if letters[0] in "rʙʀ":
+        values["stop"] = 0.5
+    values["voiced"] = float(sound["voi"] == 1 and "̥" not in letters and "̊" not in letters)
+    if sound["round"] == 1:
+        values["rounded"], values["protruded"] = 1.0, 0.7
+    elif postalveolar and sound["strid"] == 1 and sound["hi"] != 1:
+        values["rounded"], values["protruded"] = 0.4, 0.6
+    return values

@@ -1,0 +1,240 @@
+"""Reading phone sets from their files (TOML)."""
+
+from __future__ import annotations
+
+import tomllib
+import unicodedata
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from mocap_fit.errors import ConfigurationError, first_fault
+from mocap_fit.phones.phone_set import (
+    ARTICULATORY_PARAMETERS,
+    MANNERS,
+    PLACES,
+    VOWEL_FEATURES,
+    Phone,
+    PhoneSet,
+    StressMarks,
+)
+
+_Share = Annotated[float, Field(ge=0, le=1)]
+_Graded = Annotated[float, Field(ge=-1, le=1)]
+_Text = Annotated[str, Field(min_length=1)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class _Row(_Strict):
+    """One phone, as a file has it."""
+
+    kind: str = ""
+    ipa: _Text | tuple[_Text, ...] = ()
+    also: tuple[str, ...] = ()
+    example: str = ""
+    stress: bool = False
+    resists: tuple[str, ...] | None = None
+    bilabial: _Share = 0
+    labiodental: _Share = 0
+    dental: _Share = 0
+    retroflex: _Share = 0
+    alveolar: _Share = 0
+    velar: _Share = 0
+    nasal: _Share = 0
+    fricative: _Share = 0
+    stop: _Share = 0
+    release: _Share = 0
+    voiced: _Share = 0
+    open: _Graded = 0
+    front: _Graded = 0
+    rounded: _Graded = 0
+    protruded: _Graded = 0
+
+    @field_validator("kind")
+    @classmethod
+    def _known_words(cls, kind: str) -> str:
+        unknown = [word for word in kind.split() if word not in (*PLACES, *MANNERS)]
+        if unknown:
+            raise ValueError(
+                f"there is no feature '{unknown[0]}'; use {', '.join((*PLACES, *MANNERS))}"
+            )
+        return kind
+
+    @field_validator("resists")
+    @classmethod
+    def _known_parameters(cls, resists: tuple[str, ...] | None) -> tuple[str, ...] | None:
+        unknown = [name for name in resists or () if name not in ARTICULATORY_PARAMETERS]
+        if unknown:
+            raise ValueError(
+                f"there is no parameter '{unknown[0]}'; use {', '.join(ARTICULATORY_PARAMETERS)}"
+            )
+        return resists
+
+    def phone(self, symbol: str, kind: Literal["vowel", "consonant"], stress: bool) -> Phone:
+        """The phone of this row."""
+        values = {name: getattr(self, name) for name in (*PLACES, *MANNERS, *VOWEL_FEATURES)}
+        values |= dict.fromkeys(self.kind.split(), 1.0)
+        return Phone(
+            _composed(symbol),
+            kind,
+            values,
+            ipa=(self.ipa,) if isinstance(self.ipa, str) else self.ipa,
+            also=tuple(_composed(spelling) for spelling in self.also),
+            takes_stress=stress,
+            resists=None if self.resists is None else frozenset(self.resists),
+            example=self.example,
+        )
+
+
+class _VowelRow(_Row):
+    # Nobody forgets these by accident: a vowel without them would look like schwa.
+    open: _Graded = Field()
+    front: _Graded = Field()
+    rounded: _Graded = Field()
+    protruded: _Graded = Field()
+    voiced: _Share = 1
+    stress: bool = True
+
+
+class _Silence(_Strict):
+    symbol: _Text
+    also: tuple[str, ...] = ()
+
+
+class _Stress(_Strict):
+    position: Literal["before", "after"]
+    levels: tuple[Literal[0, 1, 2], ...]
+    unstressed: tuple[str, ...] = ("",)
+    primary: tuple[str, ...]
+    secondary: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> _Stress:
+        marks = {0: self.unstressed, 1: self.primary, 2: self.secondary}
+        if sorted(set(self.levels)) != list(self.levels) or self.levels[:2] != (0, 1):
+            raise ValueError("levels are [0, 1] or [0, 1, 2]")
+        for level in self.levels:
+            if not marks[level]:
+                raise ValueError(f"level {level} has no mark")
+        every = [mark for level in marks.values() for mark in level]
+        if len(set(every)) < len(every):
+            raise ValueError("one mark stands for two levels of stress")
+        if "" in (*self.primary, *self.secondary):
+            raise ValueError("only the mark of 'unstressed' may be empty")
+        return self
+
+    def marks(self) -> StressMarks:
+        """The marks as a phone set keeps them."""
+        every = {0: self.unstressed, 1: self.primary, 2: self.secondary}
+        return StressMarks(self.levels, {k: v for k, v in every.items() if v}, self.position)
+
+
+class _SetFile(_Strict):
+    name: str = ""
+    language: str = ""
+    description: str = ""
+    ignore_case: bool = False
+    features_from: Literal["panphon"] | None = None
+    silence: _Silence
+    stress: _Stress | None = None
+    vowels: dict[_Text, _VowelRow] = {}
+    consonants: dict[_Text, _Row] = {}
+
+    @model_validator(mode="after")
+    def _sounds(self) -> _SetFile:
+        if not (self.vowels or self.consonants or self.features_from):
+            raise ValueError("there are no phones: it needs [vowels] and [consonants]")
+        homes: dict[str, str] = {}
+        for symbol, row in {**self.vowels, **self.consonants}.items():
+            for sound in (row.ipa,) if isinstance(row.ipa, str) else row.ipa:
+                if homes.setdefault(_composed(sound), symbol) != symbol:
+                    raise ValueError(
+                        f"'{homes[_composed(sound)]}' and '{symbol}' have the same ipa '{sound}'"
+                    )
+        return self
+
+    def phones(self) -> tuple[Phone, ...]:
+        """Silence, the vowels and the consonants, in the order of the file."""
+        silence = Phone(self.silence.symbol, "silence", also=self.silence.also)
+        # Without marks of stress a phone has one symbol.
+        marked = self.stress is not None
+        vowels = (r.phone(s, "vowel", r.stress and marked) for s, r in self.vowels.items())
+        others = (r.phone(s, "consonant", r.stress and marked) for s, r in self.consonants.items())
+        return (silence, *vowels, *others)
+
+
+def _composed(text: str) -> str:
+    return unicodedata.normalize("NFC", text)
+
+
+def phone_set_names() -> tuple[str, ...]:
+    """Names of the phone sets that come with the package."""
+    files = resources.files("mocap_fit.phones").joinpath("sets").iterdir()
+    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
+
+
+def load_phone_set(name: str | Path) -> PhoneSet:
+    """Load a phone set.
+
+    Parameters
+    ----------
+    name
+        The name of a set that comes with the package (`phone_set_names`), or a TOML file.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such set, or its file contradicts itself; the message says where.
+    """
+    text_name = str(name)
+    try:
+        if text_name in phone_set_names():
+            folder = resources.files("mocap_fit.phones").joinpath("sets")
+            text = folder.joinpath(f"{text_name}.toml").read_text("utf-8")
+        else:
+            text = Path(name).read_text("utf-8")
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigurationError("the phone set is not TOML", path=text_name, found=error) from None
+    except RecursionError:
+        raise ConfigurationError(
+            "the phone set is not TOML", path=text_name, found="lists within lists without end"
+        ) from None
+    except (OSError, ValueError) as error:
+        raise ConfigurationError(
+            "the phone set cannot be read",
+            path=text_name,
+            found=getattr(error, "strerror", None) or error,
+            advice=f"Give a TOML file, or one of these: {', '.join(phone_set_names())}.",
+        ) from None
+    try:
+        table = _SetFile.model_validate(content)
+    except ValidationError as error:
+        place, problem = first_fault(content, error.errors())
+        raise ConfigurationError(
+            f"the phone set is wrong{' at ' if place else ''}{place}: {problem}", path=text_name
+        ) from None
+    compute = None
+    if table.features_from == "panphon":
+        from mocap_fit.phones.computed import computed_phone
+
+        compute = computed_phone
+    try:
+        return PhoneSet(
+            table.name or Path(text_name).stem,
+            table.phones(),
+            language=table.language,
+            description=table.description,
+            stress=table.stress.marks() if table.stress else StressMarks(),
+            ignore_case=table.ignore_case,
+            compute=compute,
+        )
+    except ConfigurationError as error:
+        raise ConfigurationError(
+            error.problem, path=text_name, found=error.found, expected=error.expected
+        ) from None
