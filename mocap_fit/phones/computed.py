@@ -13,7 +13,8 @@ from mocap_fit.phones.phone_set import FEATURE_NAMES, Phone
 _CENTRAL = frozenset("ɨʉɘɵəɜɞɐa")
 _GLOTTAL_FRICATIVES = frozenset("hɦ")
 _LABIODENTAL = frozenset("fvɱʋⱱ")
-_TIES = str.maketrans("", "", "͜͡")
+_RINGS = frozenset("\N{COMBINING RING BELOW}\N{COMBINING RING ABOVE}")
+_LEFT_OUT = str.maketrans("", "", "\u035c\u0361" + "".join(sorted(_RINGS)))
 
 
 def computed_phone(symbol: str) -> Phone | None:
@@ -40,10 +41,12 @@ def computed_phone(symbol: str) -> Phone | None:
     table = _feature_table()
     # IPA has letters of its own for these two, and keyboards do not.
     text = unicodedata.normalize("NFD", symbol).replace("g", "ɡ").replace(":", "ː")
+    symbol = unicodedata.normalize("NFC", text)
     parts = list(table.ipa_segs(text))
+    voiceless = bool(_RINGS & set(text))
     if "".join(parts) != text:
-        # A tie that panphon's table lacks: the two sounds by themselves.
-        text = text.translate(_TIES)
+        # A tie or a voiceless ring that panphon's table lacks: the sounds by themselves.
+        text = text.translate(_LEFT_OUT)
         parts = list(table.ipa_segs(text))
     if not 1 <= len(parts) <= 2 or "".join(parts) != text:
         return None
@@ -61,6 +64,8 @@ def computed_phone(symbol: str) -> Phone | None:
     values = {name: max(v[name] for v in each) for name in each[0]}
     if len(each) == 2:
         values["voiced"] = each[1]["voiced"]
+    if voiceless:
+        values["voiced"] = 0.0
     return _phone(symbol, "consonant", values)
 
 
@@ -120,7 +125,7 @@ def _consonant(letters: str, sound: Any) -> dict[str, float]:
         values["bilabial"] = 1.0
     if coronal and front:
         # The bridge below the letter is the mark of a dental.
-        dental = sound["distr"] == 1 or "̪" in letters
+        dental = sound["distr"] == 1 or "\N{COMBINING BRIDGE BELOW}" in letters
         values["dental" if dental else "alveolar"] = 1.0
     elif postalveolar and sound["hi"] != 1:
         values["alveolar"] = 1.0
@@ -138,7 +143,7 @@ def _consonant(letters: str, sound: Any) -> dict[str, float]:
         values["stop"] = 0.0
     if letters[0] in "rʙʀ":
         values["stop"] = 0.5
-    values["voiced"] = float(sound["voi"] == 1 and "̥" not in letters and "̊" not in letters)
+    values["voiced"] = float(sound["voi"] == 1)
     if sound["round"] == 1:
         values["rounded"], values["protruded"] = 1.0, 0.7
     elif postalveolar and sound["strid"] == 1 and sound["hi"] != 1:

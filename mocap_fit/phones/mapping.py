@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from mocap_fit.errors import DataError
-from mocap_fit.phones.phone_set import Phone, PhoneSet
+from mocap_fit.phones.phone_set import FEATURE_NAMES, Phone, PhoneSet
 from mocap_fit.phones.set_file import load_phone_set
 from mocap_fit.phones.types import PhoneSegment, PhoneSequence
 
 # How many places of an unknown symbol are kept and shown.
 _PLACES = 3
 # Ties and the mark of a part that is not syllabic are written or left out as one likes.
-_OPTIONAL = str.maketrans("", "", "̯͜͡")
+_OPTIONAL = str.maketrans("", "", "\u032f\u035c\u0361")
 
 
 @dataclass(frozen=True)
@@ -261,11 +261,32 @@ class _SoundMap:
         return min(alike, key=lambda other: _distance(phone, other))
 
 
+# What the lips show counts most, the place of the tongue less, voice least. Chosen, not measured.
+_CORONALS = ("dental", "retroflex", "alveolar")
+_WEIGHTS = dict.fromkeys(_CORONALS, 0.2) | {
+    "bilabial": 4.0,
+    "labiodental": 4.0,
+    "voiced": 0.25,
+    "front": 0.5,
+}
+_WEIGHT_ROW = np.array([_WEIGHTS.get(name, 1.0) for name in FEATURE_NAMES])
+
+
 def _distance(phone: Phone, other: Phone) -> float:
-    # A little for length, which the features do not have: it decides between I: and I.
-    lengths = ["ː" in p.ipa[0] if p.ipa else False for p in (phone, other)]
-    apart = float(np.sum((phone.features() - other.features()) ** 2))
-    return apart + 0.05 * (lengths[0] != lengths[1])
+    both = (phone, other)
+    # The tip of the tongue at one place is like the tip at another, and unlike none.
+    tip, other_tip = (max(p.values[name] for name in _CORONALS) for p in both)
+    apart = np.sum(_WEIGHT_ROW * (phone.features() - other.features()) ** 2)
+    # Length and being a diphthong are not among the features.
+    length, letters = zip(*map(_shape, both), strict=True)
+    shapes = 0.05 * (length[0] != length[1]) + 1.0 * (letters[0] != letters[1])
+    return float(apart + (tip - other_tip) ** 2 + shapes)
+
+
+def _shape(phone: Phone) -> tuple[bool, int]:
+    sound = _plain(phone.ipa[0]) if phone.ipa else ""
+    letters = [c for c in sound if unicodedata.category(c) == "Ll"]
+    return "ː" in sound, len(letters)
 
 
 def _plain(sound: str) -> str:

@@ -1,0 +1,318 @@
+"""The phone sets: what they hold, and what is refused."""
+
+import re
+import sys
+import unicodedata
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mocap_fit.errors import ConfigurationError, DataError, MissingExtraError
+from mocap_fit.phones import (
+    ARTICULATORY_PARAMETERS,
+    FEATURE_NAMES,
+    QUESTION_CLASSES,
+    PhoneSegment,
+    load_phone_set,
+    phone_set_names,
+)
+from mocap_fit.phones.computed import _feature_table
+
+TABLES = ("cs-ipa", "cs-sampa", "en-arpabet", "sv-sta")
+SETS = {name: load_phone_set(name) for name in TABLES}
+every_table = pytest.mark.parametrize("name", TABLES)
+FEATURE = {name: i for i, name in enumerate(FEATURE_NAMES)}
+
+
+def segment(phone: str, stress: int | None = None) -> PhoneSegment:
+    return PhoneSegment(0.0, 0.1, phone, stress)
+
+
+def test_the_shipped_sets_are_these():
+    assert phone_set_names() == ("cs-ipa", "cs-sampa", "en-arpabet", "ipa", "sv-sta")
+
+
+def test_swedish_has_the_76_symbols_of_the_paper():
+    swedish = SETS["sv-sta"]
+    symbols = swedish.symbols(stress=True)
+    assert len(symbols) == 76
+    assert sum(swedish.is_vowel(symbol) for symbol in symbols) == 48
+    assert sum(swedish.is_consonant(symbol) for symbol in symbols) == 27
+    assert [symbol for symbol in symbols if swedish.is_silence(symbol)] == ["sil"]
+    assert len(swedish.symbols(stress=False)) == 24 + 27 + 1
+
+
+@pytest.mark.parametrize(
+    ("name", "with_stress", "without"),
+    [("en-arpabet", 15 * 3 + 24 + 1, 40), ("cs-sampa", 13 * 2 + 33, 46), ("cs-ipa", 59, 46)],
+)
+def test_numbers_of_symbols(name, with_stress, without):
+    assert len(SETS[name].symbols(True)) == with_stress
+    assert len(SETS[name].symbols(False)) == without
+
+
+@every_table
+@pytest.mark.parametrize("stress", [True, False])
+def test_every_symbol_has_features_of_its_own_in_range(name, stress):
+    phone_set = SETS[name]
+    symbols = phone_set.symbols(stress)
+    assert len(set(symbols)) == len(symbols)
+    rows = np.array([phone_set.features(symbol) for symbol in symbols])
+    assert rows.shape == (len(symbols), len(FEATURE_NAMES)) == (len(symbols), 17)
+    vowel_features = [FEATURE[n] for n in ("open", "front", "rounded", "protruded")]
+    others = [i for i in range(17) if i not in vowel_features]
+    assert np.all(np.abs(rows[:, vowel_features]) <= 1)
+    assert np.all((rows[:, others] >= 0) & (rows[:, others] <= 1))
+    # Beskow section 4.4: the features describe the phone uniquely.
+    assert len({tuple(row) for row in rows}) == len(symbols)
+    assert not rows[symbols.index(phone_set.silence)].any()
+
+
+@every_table
+def test_phones_are_of_one_class_and_say_what_they_sound_like(name):
+    phone_set = SETS[name]
+    for phone in phone_set.phones:
+        kinds = (phone_set.is_vowel, phone_set.is_consonant, phone_set.is_silence)
+        assert sum(is_kind(phone.symbol) for is_kind in kinds) == 1
+        assert phone_set.classes(phone.symbol) <= set(QUESTION_CLASSES)
+        has_ipa = phone.kind != "silence" and not phone.values["release"]
+        assert bool(phone.ipa) == has_ipa
+        assert bool(phone.example) == has_ipa
+
+
+@every_table
+@given(data=st.data())
+def test_a_stress_comes_back_from_its_symbol(name, data):
+    phone_set = SETS[name]
+    phone = data.draw(st.sampled_from([p.symbol for p in phone_set.phones]))
+    stress = data.draw(st.sampled_from([None, 0, 1, 2]))
+    symbol = phone_set.symbol(segment(phone, stress))
+    assert symbol in phone_set.symbols(True)
+    again, level = phone_set.parse(symbol)
+    assert again == phone
+    assert phone_set.symbol(segment(again, level)) == symbol
+    assert phone_set.symbol(segment(phone, stress), stress=False) == phone
+    np.testing.assert_array_equal(
+        phone_set.features(symbol), phone_set.features(segment(phone, stress))
+    )
+
+
+def test_stress_is_read_as_each_set_writes_it():
+    assert SETS["en-arpabet"].parse("AA1") == ("AA", 1)
+    assert SETS["en-arpabet"].parse("aa0") == ("AA", 0)
+    assert SETS["en-arpabet"].parse("AA") == ("AA", None)
+    assert SETS["en-arpabet"].parse("T1") is None
+    assert SETS["sv-sta"].parse("'A:") == ("A:", 1)
+    assert SETS["sv-sta"].parse('"A:') == ("A:", 1)
+    assert SETS["sv-sta"].parse("`A:") == ("A:", 2)
+    assert SETS["sv-sta"].parse("A:") == ("A:", None)
+    assert SETS["sv-sta"].parse("'") is None
+    assert SETS["sv-sta"].symbol(segment("A:", 2)) == "'A:"
+    assert SETS["en-arpabet"].features("AA2")[-1] == 0.5
+    assert SETS["en-arpabet"].features("AA1")[-1] == 1
+
+
+@every_table
+@pytest.mark.parametrize("label", ["", "sil", "sp", "pau", "#", "_", " "])
+def test_silence_has_many_spellings(name, label):
+    assert SETS[name].parse(label) == (SETS[name].silence, None)
+    assert SETS[name].classes(label) == {"no_speech"}
+
+
+def test_a_letter_with_a_ring_is_one_letter_however_it_is_coded():
+    apart = unicodedata.normalize("NFD", "Å:")
+    assert apart != "Å:"
+    assert SETS["sv-sta"].parse(apart) == ("Å:", None)
+
+
+def test_the_classes_are_those_of_phonetics():
+    english, swedish = SETS["en-arpabet"], SETS["sv-sta"]
+    stops = [p.symbol for p in english.phones if "bilabial_stop" in p.classes()]
+    assert stops == ["P", "B", "M"]
+    assert [p.symbol for p in english.phones if "labiodental" in p.classes()] == ["F", "V"]
+    fricatives = {p.symbol for p in english.phones if "fricative" in p.classes()}
+    assert fricatives == {"CH", "JH", "F", "V", "TH", "DH", "S", "Z", "SH", "ZH", "HH"}
+    assert "bilabial_stop" not in swedish.classes("p"), "a release opens the lips"
+
+
+def test_who_resists_what():
+    swedish = SETS["sv-sta"]
+    for phone in "PBM":
+        assert swedish.resists(phone, "upper_lip_raise")
+        assert swedish.resists(phone, "lower_lip_depression")
+        assert not swedish.resists(phone, "lip_rounding")
+    assert swedish.resists("O:", "lip_rounding")
+    assert swedish.resists("Y:", "upper_lip_retraction")
+    assert not swedish.resists("I:", "lip_rounding")
+    assert swedish.resists("I:", "left_corner_stretch")
+    assert swedish.resists("S", "jaw_rotation")
+    assert not swedish.resists("K", "jaw_rotation")
+    assert SETS["en-arpabet"].resists("SH", "lower_lip_retraction")
+    assert not any(swedish.resists("sil", name) for name in ARTICULATORY_PARAMETERS)
+    with pytest.raises(DataError, match="no articulatory parameter 'smile'"):
+        swedish.resists("P", "smile")
+
+
+def test_czech_sampa_and_ipa_are_the_same_phones():
+    for ipa, sampa in zip(SETS["cs-ipa"].phones, SETS["cs-sampa"].phones, strict=True):
+        assert (ipa.values, ipa.ipa, ipa.resists) == (sampa.values, sampa.ipa, sampa.resists)
+
+
+def test_a_phone_that_is_not_there_is_named():
+    with pytest.raises(DataError, match="'sv-sta' has no phone 'QX'"):
+        SETS["sv-sta"].features("QX")
+
+
+def test_a_set_of_some_phones():
+    few = SETS["sv-sta"].only(["A:", "P", "'A:"])
+    assert few.symbols(True) == ("sil", "A:", "'A:", "P")
+
+
+# --- computed from panphon
+
+
+@pytest.fixture(scope="module")
+def ipa():
+    pytest.importorskip("panphon")
+    return load_phone_set("ipa")
+
+
+def test_any_sound_has_features_in_range(ipa):
+    for symbol in ["a", "yː", "ˈø", "t͡s", "tʃ", "b̥", "ɓ", "ŋ", "ʂ", "ɕ", "ǃ", "kʷ", "aɪ", "q", "ɦ"]:
+        row = ipa.features(symbol)
+        assert row.shape == (17,)
+        assert np.all(np.abs(row) <= 1)
+        assert row.any()
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_what_is_computed_agrees_with_the_tables(ipa, name):
+    """Of each sound of the tables: the class, and which places and manners are there."""
+    place = slice(FEATURE["bilabial"], FEATURE["velar"] + 1)
+    differ = []
+    for phone in SETS[name].phones:
+        if not phone.ipa:
+            continue
+        table, computed = phone.features(), ipa.phone(phone.ipa[0]).features()
+        assert table[0] == computed[0], phone.symbol
+        classes = ipa.phone(phone.ipa[0]).classes()
+        # Swedish J is said with friction, which IPA j has not.
+        if (name, phone.symbol) != ("sv-sta", "J"):
+            assert classes == phone.classes(), phone.symbol
+        assert np.abs(table - computed)[FEATURE["open"] : FEATURE["stress"]].max() <= 0.6
+        if np.abs(table - computed)[place].max() > 0.5:
+            differ.append(phone.symbol)
+    # IPA writes dentals and alveolars alike.
+    assert differ == {"sv-sta": ["T", "D", "N", "S", "L"]}.get(name, [])
+
+
+@pytest.mark.parametrize("label", ["!", "abc", "tt", "nd", "ˈ", "a˥", "1"])
+def test_what_is_not_one_sound_is_not_a_phone(ipa, label):
+    assert ipa.parse(label) is None
+
+
+def test_two_ways_to_code_a_sound_are_one_symbol(ipa):
+    assert ipa.parse("g") == ipa.parse("ɡ") == ("ɡ", None)
+    assert ipa.phone("e:").symbol == "eː"
+
+
+def test_the_symbols_of_all_languages_have_no_end(ipa):
+    with pytest.raises(DataError, match="cannot be counted"):
+        ipa.symbols()
+    few = ipa.only(["b", "a", "ˈa", "t͡s"])
+    assert few.symbols(False) == ("sil", "a", "b", "t͡s")
+    assert few.symbols(True) == ("sil", "a", "ˈa", "ˌa", "b", "t͡s")
+    assert few.parse("d") is None
+
+
+def test_without_panphon_the_extra_is_named(monkeypatch):
+    _feature_table.cache_clear()
+    monkeypatch.setitem(sys.modules, "panphon", None)
+    ipa = load_phone_set("ipa")
+    assert ipa.parse("ɝ") == ("ɝ", None), "what is listed needs no panphon"
+    with pytest.raises(MissingExtraError, match=re.escape("pip install 'mocap-fit[speech]'")):
+        ipa.parse("a")
+
+
+# --- a user's own file
+
+OWN = """
+language = "xx"
+[silence]
+symbol = "sil"
+[stress]
+position = "before"
+levels = [0, 1]
+primary = ["'"]
+[vowels]
+a = { open = 1, front = 0, rounded = 0, protruded = 0, ipa = "a", also = ["A"] }
+[consonants]
+m = { kind = "bilabial nasal voiced", ipa = "m", resists = ["jaw_shift"] }
+"""
+
+
+def test_a_file_of_ones_own(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(OWN, encoding="utf-8")
+    mine = load_phone_set(path)
+    assert mine.name == "mine"
+    assert mine.symbols() == ("sil", "a", "'a", "m")
+    assert mine.parse("'A") == ("a", 1)
+    assert mine.phone("m").resists == {"jaw_shift"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[vowels]", "[vowels", "not TOML"),
+        (OWN, "a = " + "[" * 5000, "not TOML"),
+        (OWN, "", "silence: this is missing"),
+        (OWN, '[silence]\nsymbol = "sil"', "there are no phones"),
+        ("open = 1,", "", "vowels.a.open: this is missing"),
+        ("open = 1", "open = 1.5", "vowels.a.open"),
+        ("open = 1", "open = nan", "vowels.a.open"),
+        ("open = 1", 'open = "wide"', "vowels.a.open"),
+        ("bilabial nasal", "bilabail nasal", "consonants.m.kind: there is no feature 'bilabail'"),
+        ("jaw_shift", "jaw", "consonants.m.resists: there is no parameter 'jaw'"),
+        ("kind =", "sort =", "consonants.m.sort: there is no such setting"),
+        ("[consonants]", "[consonant]", "consonant: there is no such setting"),
+        ('symbol = "sil"', 'symbol = ""', "silence.symbol"),
+        ('symbol = "sil"', 'symbol = "a"', "'a' of the phone set 'mine' stands for two phones"),
+        ('"A"', '"m"', "'m' of the phone set 'mine' stands for two phones"),
+        ("m = {", '"\'a" = {', "'a"),
+        ('ipa = "m"', 'ipa = "a"', "have the same ipa 'a'"),
+        ("levels = [0, 1]", "levels = [1]", "levels are"),
+        ("levels = [0, 1]", "levels = [0, 1, 2]", "level 2 has no mark"),
+        ('primary = ["\'"]', 'primary = [""]', "two levels of stress"),
+        ('primary = ["\'"]', 'primary = ["\'"]\nsecondary = ["\'"]', "two levels of stress"),
+        ('"before"', '"above"', "stress.position"),
+    ],
+)
+def test_a_bad_file_is_refused_in_words(tmp_path, old, new, message):
+    assert old in OWN
+    path = tmp_path / "mine.toml"
+    path.write_text(OWN.replace(old, new), encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=re.escape(message)) as refusal:
+        load_phone_set(path)
+    assert "mine.toml" in str(refusal.value)
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    for path in (tmp_path, tmp_path / "none.toml", tmp_path / "binary.toml", "sv-sat", "a\0b"):
+        with pytest.raises(ConfigurationError, match=r"cannot be read.*sv-sta"):
+            load_phone_set(path)
+
+
+def test_the_files_say_how_to_extend_them():
+    from importlib import resources
+
+    for name in phone_set_names():
+        text = (
+            resources.files("mocap_fit.phones").joinpath("sets", f"{name}.toml").read_text("utf-8")
+        )
+        head = text[: text.index("\nname =")]
+        assert "To extend" in head
+        assert all(line.startswith("#") or not line for line in head.splitlines())
