@@ -49,6 +49,8 @@ ROOMS = {
         "comparison",
         "figures",
         "demo",
+        "triphones",
+        "select_sentences",
         "cli",
     ),
 }
