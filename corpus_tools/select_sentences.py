@@ -130,15 +130,22 @@ def run(
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """The lines that are not empty, numbered from 1."""
+    """The lines that are not empty, numbered from 1, with a bar that shows how far it is."""
     try:
-        with path.open(encoding="utf-8-sig") as stream:
-            for number, line in enumerate(stream, 1):
-                if line.strip():
-                    yield number, line.strip()
+        with path.open("rb") as stream:
+            size, read, shown = max(os.fstat(stream.fileno()).st_size, 1), 0, 0
+            with console.progress(f"reading {path.name} (per cent)", 100) as advance:
+                for number, raw in enumerate(stream, 1):
+                    line = raw.decode("utf-8").lstrip("\ufeff").strip()
+                    read += len(raw)
+                    while shown < 100 * read // size:
+                        advance()
+                        shown += 1
+                    if line:
+                        yield number, line
     except UnicodeDecodeError:
         raise FileFormatError(
-            "the file is not UTF-8", path=path, advice="Save it as UTF-8."
+            "the text is not UTF-8", path=path, line=number, advice="Save it as UTF-8."
         ) from None
     except (OSError, ValueError) as error:
         raise FileFormatError(
@@ -168,25 +175,37 @@ def _read_with_dictionary(
     path: Path, dictionary: Path, words: tuple[int, int], found: _Sentences
 ) -> None:
     entries = _read_dictionary(dictionary, found)
+    # What each word of the text is made of; few words make up most of a text.
+    known: dict[str, tuple[list[int], list[str]] | None] = {}
     for number, line in _lines(path):
-        tokens = [token for word in line.split() if (token := _EDGES.sub("", word).casefold())]
-        if not words[0] <= len(tokens) <= words[1]:
-            found.left_out += 1
-            continue
         phones: list[int] = []
-        missing = []
-        for token in tokens:
-            parts = [token] if token in entries else token.split("-")
-            for part in filter(None, parts):
-                if part in entries:
-                    phones += entries[part]
-                else:
-                    missing.append(part)
-        if missing:
+        missing: list[str] = []
+        count = 0
+        for word in line.split():
+            if word not in known:
+                known[word] = _looked_up(word, entries)
+            looked_up = known[word]
+            if looked_up is not None:
+                count += 1
+                phones += looked_up[0]
+                missing += looked_up[1]
+        if not words[0] <= count <= words[1]:
+            found.left_out += 1
+        elif missing:
             found.missing.update(missing)
             found.left_out += 1
         else:
             _add(found, line, number, phones)
+
+
+def _looked_up(word: str, entries: dict[str, list[int]]) -> tuple[list[int], list[str]] | None:
+    """The phones of a word, and its parts that the dictionary lacks; None if it is no word."""
+    token = _EDGES.sub("", word).casefold().replace("’", "'")
+    if not token:
+        return None
+    parts = [token] if token in entries else [part for part in token.split("-") if part]
+    phones = [phone for part in parts for phone in entries.get(part, [])]
+    return phones, [part for part in parts if part not in entries]
 
 
 def _read_dictionary(path: Path, found: _Sentences) -> dict[str, list[int]]:

@@ -97,7 +97,8 @@ def triphone_table(sentences: Iterable[Codes], phones: int) -> TriphoneTable:
         inside = owner[:-2] == owner[2:]
         found, number = np.unique(three[inside], return_inverse=True)
         # One number for a sentence and its triphone, so that each pair counts once.
-        pairs = np.unique(owner[:-2][inside] * max(found.size, 1) + number)
+        pairs = np.sort(owner[:-2][inside] * max(found.size, 1) + number)
+        pairs = pairs[np.diff(pairs, prepend=-1) > 0]
         lengths.append(np.bincount(pairs // max(found.size, 1), minlength=len(batch)))
         codes.append(found[pairs % max(found.size, 1)])
         merged = np.union1d(kinds, found)

@@ -157,7 +157,7 @@ def test_bad_input_is_refused_in_words(tmp_path, given_phones, dictionary):
     bad_dictionary = tmp_path / "bad.dict"
     bad_dictionary.write_text("cat K AE1 T\ndog\n")
     refused(FileFormatError, "line 2: a sentence has no phones", no_phones)
-    refused(FileFormatError, "not UTF-8", latin)
+    refused(FileFormatError, "line 1: the text is not UTF-8", latin)
     refused(FileFormatError, "cannot be read", tmp_path / "none.txt")
     refused(FileFormatError, "cannot be read", tmp_path)
     refused(DataError, "no sentence is left", empty)
