@@ -17,6 +17,7 @@ __version__ = "0.1.0.dev0"
 # Name → module. Imports wait until a name is used, so that `import mocap_fit` costs nothing.
 _HOMES: dict[str, str] = {
     "read_tracks": "mocap_fit.io",
+    "read_phones": "mocap_fit.io",
     "remove_head_motion": "mocap_fit.head",
     "load_face": "mocap_fit.face",
     "load_layout": "mocap_fit.fitting",
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from mocap_fit.fitting import fit_shape as fit_shape
     from mocap_fit.fitting import load_layout as load_layout
     from mocap_fit.head import remove_head_motion as remove_head_motion
+    from mocap_fit.io import read_phones as read_phones
     from mocap_fit.io import read_tracks as read_tracks
 
 __all__ = ["__version__", *_HOMES]
