@@ -51,6 +51,7 @@ ROOMS = {
         "demo",
         "triphones",
         "select_sentences",
+        "align",
         "cli",
     ),
 }
