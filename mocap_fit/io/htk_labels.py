@@ -6,6 +6,7 @@ names are those of higher levels, such as words, each at the first phone of its 
 
 from __future__ import annotations
 
+import bisect
 import os
 import re
 from collections.abc import Sequence
@@ -32,7 +33,7 @@ NO_NAME = "!NULL"
 """What ends a word without beginning another."""
 
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-_TIMES = re.compile(r"-?\d+[ \t]+-?\d+[ \t]+\S.*")
+_TIMES = re.compile(r"-?\d{1,18}[ \t]+-?\d{1,18}[ \t]+\S.*")
 _TOKEN = re.compile(r"[ \t]*(?:\"((?:[^\"\\]|\\.)*)\"|'((?:[^'\\]|\\.)*)'|((?:[^ \t\\]|\\.)+))")
 _ESCAPE = re.compile(r"\\([0-7]{3}|.)")
 
@@ -105,7 +106,7 @@ def parsed_row(line: str, number: int, path: str | os.PathLike[str]) -> Row:
         quoted = match[1] if match[1] is not None else match[2]
         found.append((_unescaped(match[3] if quoted is None else quoted), quoted is None))
         position = match.end()
-    times = [token for token, plain in found[:2] if plain and re.fullmatch(r"-?\d+", token)]
+    times = [token for token, plain in found[:2] if plain and re.fullmatch(r"-?\d{1,18}", token)]
     if len(times) < 2 or len(found) < 3:
         raise _bad_row(line, number, path)
     levels: list[tuple[str, str]] = []
@@ -164,18 +165,20 @@ def _written(entry: Label) -> str:
 def _rows_with(tiers: Sequence[Tier]) -> list[tuple[int, int, list[str]]]:
     """Lines of some tiers, the lowest first: what begins at each phone, level by level."""
     held: list[int | None] = [None] * len(tiers)
+    begins = [
+        sorted((units(entry.start, RATE), place) for place, entry in enumerate(tier.entries))
+        for tier in tiers
+    ]
     rows = []
     for entry in tiers[0].entries:
         first, last = units(entry.start, RATE), units(entry.end, RATE)
         names = [_written(entry)]
         waiting: list[str] = []
         for level, tier in enumerate(tiers[1:], start=1):
-            inside = (
-                place
-                for place, other in enumerate(tier.entries)
-                if units(other.start, RATE) <= first and last <= units(other.end, RATE)
-            )
-            place = next(inside, None)
+            nearest = bisect.bisect_right(begins[level], (first, len(tier.entries))) - 1
+            place = begins[level][nearest][1] if nearest >= 0 else None
+            if place is not None and units(tier.entries[place].end, RATE) < last:
+                place = None
             waiting.append(NO_NAME if place is None else _written(tier.entries[place]))
             if place != held[level]:
                 names += waiting

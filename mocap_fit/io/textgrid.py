@@ -8,6 +8,7 @@ for its keywords within them too; the tests compare with it.
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Sequence
@@ -19,7 +20,6 @@ from mocap_fit.io.label_text import (
     number_text,
     only_one,
     refuse_characters,
-    seconds,
     utterance_name,
 )
 from mocap_fit.io.labels import Label, Labels, Tier, TierKind
@@ -89,8 +89,10 @@ class _Tokens:
         return value
 
     def time(self, expected: str) -> float:
-        value = self.take("number", expected)
-        return seconds(value, self.path, self.text.count("\n", 0, self.position) + 1)
+        value = float(self.take("number", expected))
+        if not math.isfinite(value):
+            raise self._error("this is not a time", value, "seconds")
+        return value
 
     def count(self, expected: str) -> int:
         value = self.take("number", expected)

@@ -26,7 +26,7 @@ description = "TIMIT .phn and .wrd, times in samples"
 extensions = (".phn", ".wrd")
 SAMPLE_RATE = 16000.0
 
-_LINE = re.compile(r"(-?\d+)[ \t]+(-?\d+)(?:[ \t]+(.*?))?[ \t]*")
+_LINE = re.compile(r"(-?\d{1,18})[ \t]+(-?\d{1,18})(?:[ \t]+(.*?))?[ \t]*")
 
 
 def sniff(path: str | os.PathLike[str]) -> bool:

@@ -311,6 +311,8 @@ def test_a_wrd_beside_a_phn_is_read_with_it(tmp_path):
         ("a.lab", "0.0 0.5 a\n", "no label reader"),
         ("a.rec", "hello\n", "line 1.*no label of HTK"),
         ("a.phn", "0 10 a\nb\n", "line 2.*no label of TIMIT"),
+        ("a.phn", f"0 {'9' * 400} a\n", "line 1.*no label of TIMIT"),
+        ("a.rec", f"0 {'9' * 5000} a\n", "line 1.*no label of HTK"),
         ("a.csv", "0,1,a\n", "columns of the table are not named"),
         ("a.csv", "start,end,phone\n0,1\n", "line 2.*number of columns"),
         ("a.csv", "start,end,phone\n0,x,a\n", "line 2.*not a time"),
