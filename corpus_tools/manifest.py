@@ -57,8 +57,8 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic import AfterValidator as After
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from mocap_fit.errors import ConfigurationError, first_fault
 from mocap_fit.fitting.objective import OBJECTIVES, Objective

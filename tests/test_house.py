@@ -41,6 +41,7 @@ ROOMS = {
     "corpus_tools": (
         "console",
         "info",
+        "manifest",
         "simulate",
         "spread",
         "speaker",
