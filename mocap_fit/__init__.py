@@ -18,6 +18,7 @@ __version__ = "0.1.0.dev0"
 _HOMES: dict[str, str] = {
     "read_tracks": "mocap_fit.io",
     "read_phones": "mocap_fit.io",
+    "open_corpus": "mocap_fit.corpus",
     "remove_head_motion": "mocap_fit.head",
     "load_face": "mocap_fit.face",
     "load_layout": "mocap_fit.fitting",
@@ -27,6 +28,7 @@ _HOMES: dict[str, str] = {
 }
 
 if TYPE_CHECKING:
+    from mocap_fit.corpus import open_corpus as open_corpus
     from mocap_fit.face import load_face as load_face
     from mocap_fit.fitting import bind_markers as bind_markers
     from mocap_fit.fitting import fit_orientation as fit_orientation

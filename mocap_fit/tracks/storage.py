@@ -18,13 +18,13 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mocap_fit.errors import DataError, FileFormatError
+from mocap_fit.tracks.parquet_file import damaged, kind_of, read_table, write_table
 from mocap_fit.tracks.types import (
     Event,
     MarkerTracks,
@@ -39,9 +39,9 @@ if TYPE_CHECKING:
 
 Tracks = MarkerTracks | PoseTracks | ParameterTracks
 Kind = Literal["markers", "poses", "parameters"]
+_KINDS = ("markers", "poses", "parameters")
 Columns = dict[str, np.ndarray[Any, Any]]
 
-FORMAT_VERSION = 1
 _KEY = "mocap_fit"
 _AXES = ("x", "y", "z")
 _MATRIX = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
@@ -105,7 +105,6 @@ def _plain(value: object) -> object:
 
 def _metadata(tracks: Tracks) -> dict[str, Any]:
     described = {
-        "format_version": FORMAT_VERSION,
         "kind": _kind(tracks),
         "name": tracks.name,
         "names": list(tracks.names),
@@ -345,7 +344,6 @@ def write_parquet(
         If the file cannot be written.
     """
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     columns: Columns = _columns(tracks)
     for name, values in (extra_columns or {}).items():
@@ -361,34 +359,12 @@ def write_parquet(
         columns[name] = array
     arrays = {"utterance": pa.array([tracks.name] * tracks.frames, type=pa.string())}
     arrays.update({name: pa.array(np.ascontiguousarray(a)) for name, a in columns.items()})
-    text = json.dumps(_metadata(tracks), sort_keys=True, ensure_ascii=False)
-    table = pa.table(arrays).replace_schema_metadata({_KEY: text.encode()})
-    target = Path(path)
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
-    try:
-        pq.write_table(table, partial, compression="zstd", write_page_checksum=True)
-        os.replace(partial, target)
-    except OSError as error:
-        raise FileFormatError(
-            "the file cannot be written",
-            path=path,
-            found=os.strerror(error.errno) if error.errno else error,
-            advice="Check that the folder exists and may be written to.",
-        ) from None
-    finally:
-        partial.unlink(missing_ok=True)
+    write_table(arrays, _metadata(tracks), path)
 
 
 def is_tracks_file(path: str | os.PathLike[str]) -> bool:
     """Whether a file is Parquet that `write_parquet` wrote."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        metadata = pq.read_schema(path).metadata
-    except (OSError, pa.ArrowException):
-        return False
-    return _KEY.encode() in (metadata or {})
+    return kind_of(path) in _KINDS
 
 
 def read_parquet(path: str | os.PathLike[str]) -> Tracks:
@@ -410,51 +386,7 @@ def read_parquet(path: str | os.PathLike[str]) -> Tracks:
         If the file cannot be opened, is not Parquet, is cut short, was not written by
         mocap-fit, or by a later format than this one knows.
     """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        with open(path, "rb") as stream:
-            table = pq.read_table(
-                stream,
-                page_checksum_verification=True,
-                # Damaged files have ended the process from within a thread.
-                use_threads=False,
-            )
-    except pa.ArrowException as error:
-        raise FileFormatError(
-            "this is not a whole Parquet file",
-            path=path,
-            found=error,
-            advice="It may be cut short, or of another format: write it again.",
-        ) from None
-    except OSError as error:
-        # Pyarrow says damaged content as OSError too, but without the number of a system error.
-        problem = "the file cannot be read" if error.errno else "this is not a whole Parquet file"
-        raise FileFormatError(problem, path=path, found=error.strerror or error) from None
-    text = (table.schema.metadata or {}).get(_KEY.encode())
-    if text is None:
-        raise FileFormatError(
-            "this Parquet file does not hold tracks of mocap-fit",
-            path=path,
-            found=f"columns {', '.join(table.column_names)}",
-            advice=_ADVICE,
-        )
-    try:
-        metadata = json.loads(text)
-        version = metadata["format_version"]
-    except (ValueError, TypeError, KeyError) as error:
-        raise FileFormatError(
-            "the description in this Parquet file is damaged", path=path, found=error
-        ) from None
-    if not isinstance(version, int) or version > FORMAT_VERSION:
-        raise FileFormatError(
-            "this file is of a later format than this version of mocap-fit reads",
-            path=path,
-            found=f"format_version {version}",
-            expected=f"at most {FORMAT_VERSION}",
-            advice="Update mocap-fit.",
-        )
+    table, metadata = read_table(path, _KINDS, "tracks", _ADVICE)
     try:
         wanted = _column_names(metadata["kind"], tuple(metadata["names"]))
         columns = {
@@ -462,11 +394,7 @@ def read_parquet(path: str | os.PathLike[str]) -> Tracks:
         }
         return _assemble(columns, metadata, table.num_rows)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise FileFormatError(
-            "the description in this Parquet file is damaged",
-            path=path,
-            found=f"{type(error).__name__}: {error}",
-        ) from None
+        raise damaged(path, error) from None
     except DataError as error:
         raise FileFormatError(
             f"the tracks in this file cannot be used: {error.problem}",
