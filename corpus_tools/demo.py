@@ -11,6 +11,7 @@ from corpus_tools import console, figures, simulate
 from corpus_tools.comparison import Accuracy, FittedRecording, accuracy
 from corpus_tools.console import Status
 from corpus_tools.fit import Options, Speaker
+from mocap_fit.drawing import save_figure
 from mocap_fit.errors import ConfigurationError, MissingExtraError, MocapFitWarning
 from mocap_fit.fitting.objective import Objective
 from mocap_fit.io import read_tracks
@@ -225,7 +226,7 @@ def _draw(
         )
     with console.progress("drawing figures", len(pictures)) as advance:
         for name, call in pictures.items():
-            figures.save(folder / name, *call)
+            save_figure(folder / name, *call)
             advance()
     return [folder / name for name in pictures]
 

@@ -92,8 +92,8 @@ def run(
     MocapFitError
         If a file cannot be read, or no sentence is left.
     """
-    from corpus_tools import figures
     from corpus_tools.triphones import select, triphone_table
+    from mocap_fit.drawing import save_figure
 
     if count < 1 or not 1 <= words[0] <= words[1]:
         raise ConfigurationError(
@@ -124,7 +124,7 @@ def run(
     missing = [{"word": w, "count": n} for w, n in _most_first(found.missing)]
     if dictionary is not None:
         _write(out / "missing_words.csv", _csv(missing, ("word", "count")))
-    figures.save(out / "coverage.png", _figure, rows, table.kinds)
+    save_figure(out / "coverage.png", _figure, rows, table.kinds)
     _report(found, table, rows, missing, out, as_json)
     return Status.DONE
 

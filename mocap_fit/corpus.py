@@ -452,10 +452,11 @@ def read_utterances(folder: Path) -> tuple[Utterance, ...]:
     path = folder / UTTERANCES_FILE
     table, _ = read_table(path, ("utterances",), "utterances", "Convert the recordings again.")
     try:
-        rows = zip(*(table.column(name).to_pylist() for name in _COLUMNS), strict=True)
+        rows = table.select(list(_COLUMNS)).to_pylist()
+        lists = ("sources", "checks")
         return tuple(
-            Utterance(*about, tuple(sources), tuple(checks), folder=folder)
-            for *about, sources, checks in rows
+            Utterance(**row | {name: tuple(row[name]) for name in lists}, folder=folder)
+            for row in rows
         )
     except (KeyError, TypeError, ValueError) as error:
         raise damaged(path, error) from None

@@ -21,6 +21,7 @@ ROOMS = {
     "mocap_fit": (
         "errors",
         "registry",
+        "drawing",
         "tracks",
         "phones",
         "io",
