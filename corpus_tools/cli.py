@@ -199,12 +199,22 @@ def fit(
 @app.command()
 def simulate(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="A new folder.", readable=False)],
-    utterances: Annotated[int, typer.Option(min=1, help="How many recordings.")] = 10,
+    utterances: Annotated[int, typer.Option(min=1, help="How many sentences.")] = 287,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same files.")] = 0,
+    lang: Annotated[
+        str | None, typer.Option(help="The language: sv (where not given), cs or en.")
+    ] = None,
+    durations: Annotated[
+        str | None,
+        typer.Option(help="Phone times and sound: model (where not given), or espeak (espeak-ng)."),
+    ] = None,
     layout: Annotated[
         str, typer.Option(help="The marker layout: a shipped name, or a TOML file.")
     ] = "face30-head5",
-    duration: Annotated[float, typer.Option(min=0.1, help="Length of a recording (s).")] = 4.0,
+    duration: Annotated[
+        float | None,
+        typer.Option(min=0.1, help="No sentences: free gestures in recordings of this length (s)."),
+    ] = None,
     rate: Annotated[float, typer.Option(min=1, help="Frames a second (Hz).")] = 60.0,
     noise: Annotated[float, typer.Option(min=0, help="Noise of a coordinate (mm).")] = 0.3,
     drop_outs: Annotated[
@@ -218,19 +228,37 @@ def simulate(
         bool,
         typer.Option("--other-speaker", help="A head of other size and proportions."),
     ] = False,
+    drift: Annotated[
+        float,
+        typer.Option(
+            min=-1000,
+            max=1000,
+            help="How much faster frames are than they say, on the sound's clock (millionths).",
+        ),
+    ] = 20.0,
 ) -> None:
-    """Make recordings with known truth, as a Qualisys system would export them."""
+    """Make a corpus with known truth: recordings, labels, sound, and a manifest to convert it."""
     import math
 
+    if duration is not None and (lang is not None or durations is not None):
+        raise typer.BadParameter(
+            "goes without --lang and --durations: free gestures say nothing",
+            param_hint="--duration",
+        )
     from corpus_tools import simulate as command
 
+    spoken = command.Spoken(
+        _one_of(lang or "sv", command.languages(), "--lang"),
+        _one_of(durations or "model", command.DURATIONS, "--durations"),  # type: ignore[arg-type]
+        drift,
+    )
     conditions = command.Conditions(
         noise=noise,
         drop_outs=drop_outs,
         head_translation=head_shift,
         head_rotation=math.radians(head_turn),
         rate=rate,
-        duration=duration,
+        **({} if duration is None else {"duration": duration}),
     )
     with console.progress("simulating recordings", utterances) as advance:
         status = command.run(
@@ -240,6 +268,7 @@ def simulate(
             layout=layout,
             conditions=conditions,
             head=command.OTHER_SPEAKER if other_speaker else None,
+            spoken=spoken if duration is None else None,
             progress=lambda _: advance(),
         )
     raise typer.Exit(status)

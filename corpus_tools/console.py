@@ -160,6 +160,16 @@ def make_folder(path: Path) -> None:
         ) from None
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text file in UTF-8, whole or not at all; one that exists is replaced."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        partial.write_text(text, encoding="utf-8", newline="\n")
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
 def say(text: str) -> None:
     """Print one line on stderr, after the program's name."""
     line = f"{PROGRAM}: {printable(text)}"

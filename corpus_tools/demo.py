@@ -104,7 +104,7 @@ def run(
     pictures = _draw(
         out / "figures", fits, speakers, errors["same_head"], conditions.noise, can_draw=can_draw
     )
-    _write_text(out / "report.json", console.json_text(report) + "\n")
+    console.write_text(out / "report.json", console.json_text(report) + "\n")
     if as_json:
         console.print_json({**report, "figures": pictures, "report": out / "report.json"})
     else:
@@ -131,7 +131,7 @@ def _make_room(out: Path) -> None:
                 old.unlink(missing_ok=True)
     console.make_folder(out / "figures")
     # First of all, so that a demo that was stopped can be replaced too.
-    _write_text(out / _README, _TEXT)
+    console.write_text(out / _README, _TEXT)
 
 
 def _can_draw() -> bool:
@@ -309,12 +309,3 @@ def _head_table(own: Accuracy, other: Accuracy) -> Table:
         f"{degrees(other.head_turn):.3f}",
     )
     return table
-
-
-def _write_text(path: Path, text: str) -> None:
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        partial.write_text(text, encoding="utf-8", newline="\n")
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)

@@ -71,7 +71,7 @@ def test_splits_and_parts():
     made = corpus("a", "b", "t")
     assert made.splits == ("test", "train")
     assert [u.id for u in made.split("train")] == ["a", "b"]
-    with pytest.raises(DataError, match="no utterance in the split 'dev'.*test, train"):
+    with pytest.raises(DataError, match=r"no utterance in the split 'dev'.*test, train"):
         made.split("dev")
     with pytest.raises(DataError, match="no utterance 'c'"):
         made["c"]
@@ -100,7 +100,7 @@ def test_utterances_must_fit_together():
     other = ParameterTracks(("x",), 60.0, np.zeros((3, 1)), name="o")
     with pytest.raises(DataError, match="different parameters"):
         Corpus.of([utterance("a"), Utterance.of(other, utterance("a").phones)], "en-arpabet")
-    with pytest.raises(DataError, match="one id.*a"):
+    with pytest.raises(DataError, match=r"one id.*a"):
         corpus("a", "a")
     with pytest.raises(DataError, match="one or more"):
         Corpus.of([], "en-arpabet")

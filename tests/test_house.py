@@ -54,6 +54,9 @@ ROOMS = {
         "triphones",
         "select_sentences",
         "align",
+        "page",
+        "train",
+        "evaluate",
         "cli",
     ),
 }
