@@ -5,6 +5,7 @@ espeak-ng, articulation by overlapping gestures (`articulation`), a sound that f
 (`speech_sound`), and a speaker with markers on (`session`).
 """
 
+from corpus_tools.simulate.sentences import languages
 from corpus_tools.simulate.session import (
     OTHER_SPEAKER,
     Conditions,
@@ -13,14 +14,17 @@ from corpus_tools.simulate.session import (
     gesture,
     marker_places,
 )
-from corpus_tools.simulate.writing import run
+from corpus_tools.simulate.writing import DURATIONS, Spoken, run
 
 __all__ = [
+    "DURATIONS",
     "OTHER_SPEAKER",
     "Conditions",
     "Session",
     "Simulation",
+    "Spoken",
     "gesture",
+    "languages",
     "marker_places",
     "run",
 ]

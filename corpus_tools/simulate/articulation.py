@@ -1,0 +1,346 @@
+"""From phones to the face: overlapping gestures, with the numbers of ``articulation.toml``.
+
+None of the control models that are trained on it is made like this: there are no dominance
+functions and no weighting of vowels by consonants, but gestures that begin and end, and
+articulators with inertia that follow them (Saltzman and Munhall 1989). Coarticulation and
+undershoot come of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field
+
+from corpus_tools.simulate.dynamics import JAW, LipDistance, Pull, move
+from corpus_tools.simulate.session import gesture as wandering
+from corpus_tools.simulate.traits import Rule, Strict, load_table, plain_sound, traits
+from mocap_fit.face import Rig
+from mocap_fit.phones import PhoneSegment, PhoneSequence, PhoneSet
+from mocap_fit.tracks import FloatArray
+
+# Steps a second of the simulation, and how long a gesture takes to be all there or all gone.
+_RATE = 400.0
+_RAMP = 0.03
+# Seconds.
+_AT_ENDS = 1.0
+# The second target of a diphthong is on its way this long before its time.
+_GLIDE_LEAD = 0.03
+_SLOW = 0.6
+_LEFT, _RIGHT, _SHIFT = "left_corner_stretch", "right_corner_stretch", "jaw_shift"
+
+Sum = float | dict[str, float]
+
+
+class _Lips(Strict):
+    distance: float
+    share: float
+
+
+class _Gesture(Rule):
+    name: str
+    lead: float
+    tail: float
+    anticipation: float = 0.0
+    stiffness: float
+    strength: float
+    reduced: float = 1.0
+    targets: dict[str, Sum] = Field(default={})
+    lips: _Lips | None = None
+
+
+class _Neutral(Strict):
+    stiffness: float
+    strength: float
+    targets: dict[str, float]
+
+
+class _SpeakerNoise(Strict):
+    left_right: float
+    jaw_shift_habit: float
+    setting: float
+
+
+class _UtteranceNoise(Strict):
+    effort: float
+    haste: float
+    slow: float
+    jaw_shift: float
+
+
+class _GestureNoise(Strict):
+    extent: float
+    target: float
+    timing: float
+    stiffness: float
+    lips: float
+    left_right: float
+
+
+class _Resistance(Strict):
+    factor: float
+
+
+class _Diphthongs(Strict):
+    turn: float
+    ends: dict[str, dict[str, dict[str, float]]]
+
+
+class Articulation(Strict):
+    """The table ``articulation.toml``."""
+
+    neutral: _Neutral
+    gestures: tuple[_Gesture, ...]
+    speaker: _SpeakerNoise
+    utterance: _UtteranceNoise
+    gesture: _GestureNoise
+    resistance: _Resistance
+    reduction: dict[str, float]
+    diphthongs: _Diphthongs
+
+
+def load_articulation() -> Articulation:
+    """Read the shipped table."""
+    return load_table("articulation.toml", Articulation)
+
+
+@dataclass(frozen=True, eq=False)
+class _Active:
+    """A gesture of a phone, in time."""
+
+    gesture: _Gesture
+    traits: dict[str, float]
+    phone: int
+    start: float
+    end: float
+    extent: float
+    strong: frozenset[str]
+
+
+class Articulator:
+    """A speaker's mouth.
+
+    Parameters
+    ----------
+    face
+        The speaker's face.
+    phone_set
+        What the phones are from.
+    rng
+        Of the speaker's habits.
+    table
+        The shipped one where not given.
+    """
+
+    def __init__(
+        self,
+        face: Rig,
+        phone_set: PhoneSet,
+        rng: np.random.Generator,
+        table: Articulation | None = None,
+    ) -> None:
+        self.table = load_articulation() if table is None else table
+        self.names = face.parameter_names
+        self._bounds = face.bounds
+        self._set = phone_set
+        self._lips = LipDistance.of(face)
+        noise = self.table.speaker
+        self._left_right = noise.left_right * float(np.clip(rng.standard_normal(), -2, 2))
+        self._habit = noise.jaw_shift_habit * float(np.clip(rng.standard_normal(), -2, 2))
+        self._neutral = np.array([self.table.neutral.targets.get(n, 0.0) for n in self.names])
+        self._setting = noise.setting * rng.standard_normal(len(self.names))
+
+    def say(self, phones: PhoneSequence, times: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """Move the face.
+
+        Parameters
+        ----------
+        phones
+            Of the set, with silence before and after.
+        times
+            `(frames,)`, seconds on the clock of the phones.
+        rng
+            Of what varies from utterance to utterance and from gesture to gesture.
+
+        Returns
+        -------
+        FloatArray
+            `(frames, parameters)`, within the face's bounds.
+        """
+        first = min(float(times[0]), phones[0].start) - 0.1
+        last = max(float(times[-1]), phones[len(phones) - 1].end) + 0.1
+        clock = first + np.arange(int(np.ceil((last - first) * _RATE)) + 1) / _RATE
+        values = move(self._pull(phones, clock, rng), self.names, self._lips)
+        corners = [self.names.index(name) for name in (_LEFT, _RIGHT)]
+        values[:, corners] *= 1.0 + self._left_right * np.array([1.0, -1.0])
+        shift = self.names.index(_SHIFT)
+        values[:, shift] += self._habit * values[:, self.names.index(JAW)]
+        seen = np.stack([np.interp(times, clock, column) for column in values.T], axis=1)
+        return np.asarray(np.clip(seen, *self._bounds.T))
+
+    def _pull(self, phones: PhoneSequence, clock: FloatArray, rng: np.random.Generator) -> Pull:
+        table, names = self.table, self.names
+        steps, count = len(clock), len(names)
+        varies = table.utterance
+        effort = float(np.exp(varies.effort * np.clip(rng.standard_normal(), -2, 2)))
+        haste = float(np.exp(varies.haste * np.clip(rng.standard_normal(), -2, 2)))
+        weights = np.full((steps, count), table.neutral.strength)
+        sums = weights * (self._neutral + self._setting)
+        stiff = weights * table.neutral.stiffness
+        lips_weights = np.zeros((steps, 2))
+        lips = np.zeros((steps, 2))
+        for active in self._gestures(phones):
+            gesture, noise = active.gesture, _Noise(rng, table)
+            moves = noise.onset, noise.offset
+            stiffness = gesture.stiffness * haste * noise.stiffness
+            for name, target in gesture.targets.items():
+                index = names.index(name)
+                early = self._anticipated(phones, active, name)
+                part, activation = _activation(clock, active, early, moves)
+                strength = gesture.strength * (
+                    table.resistance.factor if name in active.strong else 1.0
+                )
+                goal = _sum(target, active.traits)
+                if not active.traits["silence"]:
+                    neutral = self._neutral[index]
+                    goal = neutral + (goal - neutral) * active.extent * effort * noise.extent
+                    goal += noise.target(name)
+                pull = strength * activation
+                weights[part, index] += pull
+                sums[part, index] += pull * goal
+                stiff[part, index] += pull * stiffness
+            if gesture.lips is not None:
+                part, activation = _activation(clock, active, active.start, moves)
+                pull = gesture.strength * activation
+                share = gesture.lips.share
+                # Lips that are to close do, whatever the noise.
+                distance = gesture.lips.distance + noise.lips
+                if gesture.lips.distance < 0:
+                    distance = min(distance, 0.5 * gesture.lips.distance)
+                both = np.array([float(share > 0), 1.0])
+                lips_weights[part] += pull[:, None] * both
+                lips[part] += pull[:, None] * [distance, share]
+                for i, name in enumerate(("upper_lip_raise", "lower_lip_depression")):
+                    stiff[part, names.index(name)] += pull * both[i] * stiffness
+        slow = np.stack(
+            [
+                wandering(rng, steps, _RATE, _SLOW, -extent, extent)
+                for extent in (varies.jaw_shift if n == _SHIFT else varies.slow for n in names)
+            ],
+            axis=1,
+        )
+        total = weights.copy()
+        for i, name in enumerate(("upper_lip_raise", "lower_lip_depression")):
+            total[:, names.index(name)] += lips_weights[:, i]
+        held = np.maximum(lips_weights[:, 1], 1e-12)[:, None]
+        distance, share = (lips / held).T
+        return Pull(
+            1.0 / _RATE,
+            sums / weights + slow,
+            weights,
+            stiff / total,
+            lips_weights,
+            distance,
+            share,
+        )
+
+    def _gestures(self, phones: PhoneSequence) -> Iterator[_Active]:
+        """All gestures of an utterance, phone by phone."""
+        reduction = self.table.reduction.get(self._set.language, 1.0)
+        for i, segment in enumerate(phones):
+            phone = self._set.phone(segment)
+            strong = phone.resists or frozenset()
+            for start, end, found in self._parts(segment):
+                for gesture in self.table.gestures:
+                    if not gesture.holds(found):
+                        continue
+                    lead = gesture.lead if start == segment.start else _GLIDE_LEAD
+                    tail = gesture.tail if end == segment.end else 0.0
+                    begin, stop = start - lead, end + tail
+                    # Before the first phone and after the last all stays as it is.
+                    if i == 0:
+                        begin -= _AT_ENDS
+                    if i == len(phones) - 1:
+                        stop = end + _AT_ENDS
+                    if stop - begin < _RAMP:
+                        continue
+                    less = (1.0 - gesture.reduced) * reduction
+                    extent = 1.0 - less * {None: 1.0, 0: 1.0, 2: 0.5}.get(segment.stress, 0.0)
+                    yield _Active(gesture, found, i, begin, stop, extent, strong)
+
+    def _parts(self, segment: PhoneSegment) -> Iterator[tuple[float, float, dict[str, float]]]:
+        """The stretches of a phone with a target of their own: two of a diphthong."""
+        phone = self._set.phone(segment)
+        found = traits(phone)
+        ends = self.table.diphthongs.ends.get(plain_sound(phone))
+        if ends is None:
+            yield segment.start, segment.end, found
+            return
+        turn = segment.start + self.table.diphthongs.turn * segment.duration
+        yield segment.start, turn, found | ends["from"]
+        yield turn, segment.end, found | ends["to"]
+
+    def _anticipated(self, phones: PhoneSequence, active: _Active, parameter: str) -> float:
+        """When a gesture may begin to show in a parameter: no phone before it minds."""
+        if not active.gesture.anticipation or active.start > phones[active.phone].start:
+            return active.start
+        earliest = active.start - active.gesture.anticipation
+        for segment in reversed(phones.segments[: active.phone]):
+            if segment.end <= earliest:
+                break
+            found = traits(self._set.phone(segment))
+            minds = any(
+                parameter in gesture.targets and gesture.holds(found)
+                for gesture in self.table.gestures
+            )
+            if minds:
+                earliest = segment.end
+                break
+        return min(active.start, earliest)
+
+
+class _Noise:
+    """What varies in one gesture."""
+
+    def __init__(self, rng: np.random.Generator, table: Articulation) -> None:
+        noise = table.gesture
+        draws = np.clip(rng.standard_normal(7), -2.0, 2.0)
+        self.onset, self.offset = noise.timing * draws[:2]
+        self.stiffness = float(np.exp(noise.stiffness * draws[2]))
+        self.extent = float(np.exp(noise.extent * draws[3]))
+        self.lips = float(noise.lips * draws[4])
+        self._added = float(noise.target * draws[5])
+        self._left_right = float(noise.left_right * draws[6])
+
+    def target(self, name: str) -> float:
+        """What is added to a target."""
+        return self._added + {_LEFT: self._left_right, _RIGHT: -self._left_right}.get(name, 0.0)
+
+
+def _sum(target: Sum, found: dict[str, float]) -> float:
+    if not isinstance(target, dict):
+        return target
+    return sum(
+        factor * (1.0 if trait == "base" else found[trait]) for trait, factor in target.items()
+    )
+
+
+def _activation(
+    clock: FloatArray, active: _Active, early: float, moves: tuple[float, float]
+) -> tuple[slice, FloatArray]:
+    """How much of a gesture there is, and in which steps: 0 to 1, with soft ends."""
+    start, end = active.start + moves[0], active.end + moves[1]
+    begin = start - max(active.start - early, 0.0) - _RAMP
+    part = slice(
+        int(np.searchsorted(clock, begin)), int(np.searchsorted(clock, end + _RAMP, side="right"))
+    )
+    times = clock[part]
+    rise = np.clip((times - begin) / max(start - begin, 1e-9), 0.0, 1.0)
+    fall = np.clip((end + _RAMP - times) / _RAMP, 0.0, 1.0)
+    return part, np.minimum(_smooth(rise), _smooth(fall))
+
+
+def _smooth(share: FloatArray) -> FloatArray:
+    return np.asarray(share * share * (3.0 - 2.0 * share))
