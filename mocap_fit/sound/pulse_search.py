@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocap_fit.tracks import FloatArray
 
@@ -86,14 +87,17 @@ def _in_stretch(
     floor = 1e-3 * float(part.std()) / np.sqrt(len(part) / period)
     guess, step = _by_harmonics(part, period, tolerance)
     best = (0.0, 0.0, 0, 0, 0)
+    widths = np.arange(1, max(2, round(period)) // 2 + 1)
+    quick = np.unique(np.geomspace(1, len(widths), 40).astype(np.int64))
     found = guess
     # What one step changes over the whole stretch is a part of a period; pulses are narrower.
     for range_, count in ((1.5, 7), (0.5, 9)):
         middle = found
         for frequency in middle + step * np.linspace(-range_, range_, count):
-            seen = _pulse_in(_mean_period(part, frequency), floor)
+            seen = _pulse_in(_mean_period(part, frequency), floor, quick)
             if seen[0] > best[0]:
                 best, found = seen, float(frequency)
+    best = _pulse_in(_mean_period(part, found), floor, widths)
     _, clearness, place, width, sign = best
     if not sign:
         return 0.0, None
@@ -139,12 +143,13 @@ def _mean_period(part: FloatArray, frequency: float) -> FloatArray:
     return profile
 
 
-def _pulse_in(profile: FloatArray, floor: float) -> tuple[float, float, int, int, int]:
+def _pulse_in(
+    profile: FloatArray, floor: float, widths: NDArray[np.int64]
+) -> tuple[float, float, int, int, int]:
     """The box that explains most of a mean period: height, clearness, place, width, sign."""
     bins = len(profile)
     level = profile - profile.mean()
     sums = np.concatenate(([0.0], np.cumsum(np.concatenate((level, level)))))
-    widths = np.arange(1, bins // 2 + 1)
     places = np.arange(bins)
     inside = sums[places[None, :] + widths[:, None]] - sums[places][None, :]
     # Least squares of a box over an unknown level.
