@@ -26,7 +26,8 @@ import typer
 from typer.core import TyperGroup
 
 import mocap_fit
-from corpus_tools import console
+from corpus_tools import console, model_commands
+from corpus_tools.arguments import AsJson, one_of
 
 
 class _Commands(TyperGroup):
@@ -45,8 +46,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -175,8 +174,8 @@ def fit(
     from mocap_fit.fitting.solving import SOLVERS
 
     options = command.Options(
-        _one_of(objective, OBJECTIVES, "--objective"),  # type: ignore[arg-type]
-        _one_of(solver, SOLVERS, "--solver"),
+        one_of(objective, OBJECTIVES, "--objective"),  # type: ignore[arg-type]
+        one_of(solver, SOLVERS, "--solver"),
         refine_pose,
         smooth,
     )
@@ -248,8 +247,8 @@ def simulate(
     from corpus_tools import simulate as command
 
     spoken = command.Spoken(
-        _one_of(lang or "sv", command.languages(), "--lang"),
-        _one_of(durations or "model", command.DURATIONS, "--durations"),  # type: ignore[arg-type]
+        one_of(lang or "sv", command.languages(), "--lang"),
+        one_of(durations or "model", command.DURATIONS, "--durations"),  # type: ignore[arg-type]
         drift,
     )
     conditions = command.Conditions(
@@ -274,7 +273,5 @@ def simulate(
     raise typer.Exit(status)
 
 
-def _one_of(value: str, known: Sequence[str], option: str) -> str:
-    if value not in known:
-        raise typer.BadParameter(f"'{value}' is not one of {', '.join(known)}", param_hint=option)
-    return value
+app.command()(model_commands.train)
+app.command()(model_commands.evaluate)

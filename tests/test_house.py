@@ -57,6 +57,8 @@ ROOMS = {
         "page",
         "train",
         "evaluate",
+        "arguments",
+        "model_commands",
         "cli",
     ),
 }
