@@ -22,10 +22,15 @@ convention: ``recordings/ labels/ sound/ reference.* sentences.tsv``. ::
     [sound]
     pattern = "sound/{id}.wav"   # a corpus without sound has no such file for any utterance
     required = false             # true: an utterance without sound is an error
+    [sync]
+    kind = "none"                # "pulses": one a frame, on a channel of the sound; "estimate": by
+                                 # opening lips and energy; "none": start_time or the file's own
+    channel = 2                  # of the pulses, from 1; it is not copied to the corpus
+    largest_offset = 0.5         # s from start_time, how far an estimate is looked for
     [sentences]
     file = "sentences.tsv"       # tab-separated: utterance, and if known split text speaker session
     [splits]
-    test_fraction = 0.303        # used where the table has no split: 87 of 287
+    test_fraction = 0.303        # where the table has no split it is drawn: 87 of 287
     seed = 0
     [fit]
     objective = "distances"
@@ -43,7 +48,9 @@ convention: ``recordings/ labels/ sound/ reference.* sentences.tsv``. ::
     reference = "reference_2.tsv"
     start_time = 0.1
 
-Not there yet: pulses on a channel of the sound, and an estimated offset.
+With pulses, `start_time` is where the first frame is about: it decides where the first or the last
+pulse is missing, and may be left out. Splits that are drawn stay when utterances are added to a
+corpus (`entries`).
 """
 
 from __future__ import annotations
@@ -63,6 +70,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from mocap_fit.errors import ConfigurationError, first_fault
 from mocap_fit.fitting.objective import OBJECTIVES, Objective
 from mocap_fit.fitting.solving import SOLVERS
+from mocap_fit.sound import SyncKind
+from mocap_fit.sound.estimate import LARGEST_OFFSET
 
 _COLUMNS = ("utterance", "split", "text", "speaker", "session")
 _NAME = re.compile(r"[^\s./\\*?\[\]][^/\\*?\[\]]*")
@@ -124,6 +133,14 @@ class Sound(_Strict):
         return self
 
 
+class Sync(_Strict):
+    """How recordings are brought to the clock of their sound."""
+
+    kind: SyncKind = "none"
+    channel: int = Field(default=2, ge=1)
+    largest_offset: float = Field(default=LARGEST_OFFSET, gt=0)
+
+
 class Sentences(_Strict):
     """The table of the utterances."""
 
@@ -182,6 +199,7 @@ class Manifest(_Strict):
     recordings: Recordings = Recordings()
     labels: LabelFiles = LabelFiles()
     sound: Sound = Sound()
+    sync: Sync = Sync()
     sentences: Sentences = Sentences()
     splits: Splits = Splits()
     fit: Fit = Fit()
