@@ -30,7 +30,7 @@ from mocap_fit.tracks import FloatArray
 _Arrays = Mapping[str, np.ndarray[Any, Any]]
 
 # Penalties that are tried, in frames: a phone heard at one place in so many frames counts half.
-_PENALTIES = tuple(10.0 ** (0.5 * k) for k in range(1, 9))
+_PENALTIES: tuple[float, ...] = tuple(10.0 ** (0.5 * k) for k in range(1, 9))
 _FOLDS = 3
 
 
