@@ -88,7 +88,8 @@ def scores(sums: FloatArray, ranges: FloatArray) -> tuple[FloatArray, FloatArray
         target = np.maximum(sums[..., _TARGETS] / count - y * y, 0.0)
         predicted = np.maximum(sums[..., _PREDICTEDS] / count - z * z, 0.0)
         correlation = (sums[..., _PRODUCT] / count - y * z) / np.sqrt(target * predicted)
-    flat = (target < 1e-18) | (predicted < 1e-18)
+    # What is left of a constant is the rounding of its sum of squares.
+    flat = (target <= 1e-12 * sums[..., _TARGETS]) | (predicted <= 1e-12 * sums[..., _PREDICTEDS])
     rmse = np.where((ranges > 0) & (count > 0), rmse, np.nan)
     return rmse, np.clip(np.where(flat, np.nan, correlation), -1.0, 1.0)
 

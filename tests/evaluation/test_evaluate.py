@@ -99,6 +99,13 @@ def test_a_parameter_that_never_changes_does_not_count(small_corpus):
     assert np.isfinite([low, high]).all()
 
 
+def test_a_constant_prediction_has_no_correlation(small_corpus):
+    models = {"constant": trained(small_corpus, scale=0.0, shift=0.0123)}
+    result = evaluate(small_corpus, models, face=None, resamples=100)
+    assert np.isnan(result.correlation).all()
+    assert np.isfinite(result.rmse).all()
+
+
 def test_the_better_model_is_told_from_the_worse(small_corpus, rng):
     def noisy(size):
         model = trained(small_corpus)
