@@ -56,17 +56,18 @@ corpus (`entries`).
 from __future__ import annotations
 
 import csv
-import hashlib
 import io
 import re
 import tomllib
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator as After
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from mocap_fit.corpus import drawn
 from mocap_fit.errors import ConfigurationError, first_fault
 from mocap_fit.fitting.objective import OBJECTIVES, Objective
 from mocap_fit.fitting.solving import SOLVERS
@@ -286,8 +287,18 @@ def one_file(root: Path, pattern: str) -> Path | None:
     return found[0] if found else None
 
 
-def entries(manifest: Manifest, root: Path) -> tuple[Entry, ...]:
+def entries(
+    manifest: Manifest, root: Path, former: Mapping[str, str] | None = None
+) -> tuple[Entry, ...]:
     """The utterances, by id: those of the table or, without one, a recording each.
+
+    Parameters
+    ----------
+    manifest, root
+        What there is, and where.
+    former
+        Splits that were drawn before, by id. They stay; what is new is drawn so that the test has
+        its part of all.
 
     Raises
     ------
@@ -314,7 +325,23 @@ def entries(manifest: Manifest, root: Path) -> tuple[Entry, ...]:
         if entry.id in made:
             raise ConfigurationError(f"the utterance '{entry.id}' is there twice", **where)
         made[entry.id] = entry
-    return tuple(made[name] for name in sorted(made))
+    return _with_splits([made[name] for name in sorted(made)], manifest.splits, former or {})
+
+
+def _with_splits(
+    found: Sequence[Entry], splits: Splits, former: Mapping[str, str]
+) -> tuple[Entry, ...]:
+    """Give a split to those that have none, by numbers that depend on their names alone."""
+    names = [entry.id for entry in found if not entry.split]
+    new = sorted((n for n in names if n not in former), key=lambda name: drawn(name, splits.seed))
+    there = sum(former.get(name) == "test" for name in names)
+    test = set(new[: max(0, round(splits.test_fraction * len(names)) - there)])
+    return tuple(
+        entry
+        if entry.split
+        else replace(entry, split=former.get(entry.id) or ("test" if entry.id in test else "train"))
+        for entry in found
+    )
 
 
 def _rows(table: Path) -> list[tuple[int, dict[str, str]]]:
@@ -369,15 +396,8 @@ def _entry(manifest: Manifest, row: dict[str, str], where: dict[str, Any]) -> En
         name,
         speaker,
         session,
-        row.get("split") or _drawn(name, manifest.splits),
+        row.get("split", ""),
         row.get("text", ""),
         (own.reference if own is not None else None) or speakers[speaker].reference,
         manifest.start_time if start is None else start,
     )
-
-
-def _drawn(name: str, splits: Splits) -> str:
-    """By the name alone, so that it stays when utterances are added."""
-    digest = hashlib.sha256(f"{splits.seed}\0{name}".encode()).digest()
-    part = int.from_bytes(digest[:8], "big") / 2**64
-    return "test" if part < splits.test_fraction else "train"

@@ -98,7 +98,7 @@ class Synchronisation:
 
 def synchronise(
     recording: MarkerTracks,
-    sound: Sound,
+    sound: Sound | None,
     *,
     kind: SyncKind = "pulses",
     channel: int = 2,
@@ -113,7 +113,7 @@ def synchronise(
     recording
         The markers, without the head's motion or with it.
     sound
-        All its channels.
+        All its channels; None only where `kind` is ``none``.
     kind
         ``pulses``: from a pulse a frame on a channel; ``estimate``: from opening lips and louder
         speech, on the mean of the channels; ``none``: nothing is changed but the provenance.
@@ -140,7 +140,9 @@ def synchronise(
         As `decode_pulses` and `estimate_offset` do, or if the channel or the markers are not
         there.
     """
-    if kind == "pulses":
+    if sound is None and kind != "none":
+        raise DataError("there is no sound to synchronise with", found=recording.name)
+    if kind == "pulses" and sound is not None:
         train = decode_pulses(
             sound.channel(channel),
             sound.rate,
@@ -149,7 +151,7 @@ def synchronise(
             start_time=about,
         )
         found = Synchronisation.of_pulses(train)
-    elif kind == "estimate":
+    elif kind == "estimate" and sound is not None:
         if lips is None:
             raise DataError(
                 "an estimate needs a marker on each lip", advice="Name them (lips=...)."

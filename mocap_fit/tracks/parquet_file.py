@@ -66,6 +66,13 @@ def write_table(
 
 def kind_of(path: str | os.PathLike[str]) -> str | None:
     """What a Parquet file of mocap-fit holds, such as ``markers``; None for any other file."""
+    description = read_description(path) or {}
+    kind = description.get("kind")
+    return kind if isinstance(kind, str) else None
+
+
+def read_description(path: str | os.PathLike[str]) -> dict[str, Any] | None:
+    """The description in a whole Parquet file of mocap-fit, without its columns; else None."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -74,8 +81,7 @@ def kind_of(path: str | os.PathLike[str]) -> str | None:
         description = None if text is None else json.loads(text)
     except (OSError, pa.ArrowException, ValueError):
         return None
-    kind = description.get("kind") if isinstance(description, dict) else None
-    return kind if isinstance(kind, str) else None
+    return description if isinstance(description, dict) else None
 
 
 def read_table(
