@@ -1,0 +1,240 @@
+"""Checks of a corpus's tables: columns, kinds, and what each row must hold (with pandera)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from corpus_tools.validation.findings import Finding, Place
+from corpus_tools.validation.thresholds import Thresholds
+from mocap_fit.tracks.parquet_file import read_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_SHOWN = 3
+# What an id may not hold: it is the name of files.
+_ID = r"[^\s./\\*?\[\]][^/\\*?\[\]]*"
+
+#: What a check asks for, by its name; shown as what was expected.
+ASKED = {
+    "id": "a name of files, without / \\ * ? [ ]",
+    "unique": "each once",
+    "not empty": "a name",
+    "above 0": "a number above 0",
+    "not negative": "0 or more",
+    "finite": "finite numbers",
+    "end after start": "an end after the start",
+    "stress": "0, 1, 2 or nothing",
+    "decibels": "finite, at most 20 dB",
+    "rotation": "rotation matrices: rows of length 1 at right angles, right-handed",
+    "texts": "a list of texts",
+}
+
+
+def read_frame(path: Path, kinds: Sequence[str]) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """A table of a corpus as pandas has it, and its description.
+
+    Raises
+    ------
+    FileFormatError
+        If it is not Parquet, or none of mocap-fit.
+    """
+    table, description = read_table(path, kinds, "a table", "Convert the recordings again.")
+    return table.to_pandas(), description
+
+
+@cache
+def _schema(kind: str, names: tuple[str, ...] = ()) -> Any:
+    import pandera.pandas as pa
+
+    def check(name: str, test: Any, whole: bool = False) -> Any:
+        return pa.Check(test, name=name, element_wise=not whole, ignore_na=True)
+
+    def texts(value: object) -> bool:
+        if not isinstance(value, list | tuple | np.ndarray):
+            return False
+        return all(isinstance(item, str) for item in value)
+
+    number = {"dtype": float, "nullable": True, "coerce": False}
+    finite = check("finite", lambda s: np.isfinite(s) | s.isna(), True)
+    positive = check("not negative", lambda s: (s >= 0) | s.isna(), True)
+    text = pa.Column(str, check("not empty", lambda v: bool(v)))
+    free = pa.Column(str)
+    if kind == "utterances":
+        return pa.DataFrameSchema(
+            {
+                "id": pa.Column(str, pa.Check.str_matches(f"^{_ID}$", name="id"), unique=True),
+                "speaker": free,
+                "session": free,
+                "split": text,
+                "duration": pa.Column(float, check("above 0", lambda v: v > 0)),
+                "text": free,
+                "sources": pa.Column(object, check("texts", texts)),
+                "checks": pa.Column(object, check("texts", texts)),
+            }
+        )
+    if kind == "phones":
+        level = check("decibels", lambda s: (np.isfinite(s) & (s <= 20)) | s.isna(), True)
+        return pa.DataFrameSchema(
+            {
+                "utterance": free,
+                "start": pa.Column(float, finite),
+                "end": pa.Column(float, finite),
+                "phone": text,
+                "stress": pa.Column(checks=pa.Check.isin((0, 1, 2), name="stress"), nullable=True),
+                "word": free,
+                # pandas has a column of nothing but null as objects.
+                "energy_db": pa.Column(checks=level, nullable=True, dtype=float, coerce=True),
+            },
+            checks=pa.Check(lambda t: t["end"] > t["start"], name="end after start"),
+        )
+    columns: dict[str, Any] = {"utterance": free, "time": pa.Column(float, finite)}
+    if kind == "parameters":
+        columns |= {name: pa.Column(checks=finite, **number) for name in names}
+        columns |= {f"{name}_sd": pa.Column(checks=positive, **number) for name in names}
+        columns["residual_mm"] = pa.Column(checks=positive, **number)
+        return pa.DataFrameSchema(columns)
+    if kind == "markers":
+        for name in names:
+            columns |= {f"{name}_{axis}": pa.Column(checks=finite, **number) for axis in "xyz"}
+            columns[f"{name}_origin"] = pa.Column(
+                checks=pa.Check.isin((0, 1, 2, 3), name="finite"), nullable=False
+            )
+        return pa.DataFrameSchema(columns)
+    for name in names:
+        columns |= {f"{name}_{axis}": pa.Column(checks=finite, **number) for axis in "xyz"}
+        matrix = [f"{name}_r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)]
+        columns |= {part: pa.Column(checks=finite, **number) for part in matrix}
+        columns[f"{name}_residual_mm"] = pa.Column(checks=positive, **number)
+    return pa.DataFrameSchema(columns)
+
+
+def check_table(
+    frame: pd.DataFrame, kind: str, names: Sequence[str], place: Place
+) -> Iterator[Finding]:
+    """Find what is wrong with the columns and rows of a table.
+
+    Parameters
+    ----------
+    frame
+        As pandas reads it.
+    kind
+        ``utterances``, ``parameters``, ``markers``, ``poses`` or ``phones``.
+    names
+        Of the parameters, markers or bodies.
+    place
+        The file, and the utterance.
+    """
+    from pandera.errors import SchemaErrors
+
+    try:
+        _schema(kind, tuple(names)).validate(frame, lazy=True)
+    except SchemaErrors as errors:
+        groups: dict[tuple[str, str], list[tuple[Any, Any]]] = {}
+        for row in errors.failure_cases.to_dict("records"):
+            column = row["column"]
+            missing = row["check"] == "column_in_dataframe"
+            column = row["failure_case"] if missing else column
+            name = str(column) if isinstance(column, str) else ""
+            groups.setdefault((name, str(row["check"])), []).append(
+                (row["index"], row["failure_case"])
+            )
+        for (column, check), cases in groups.items():
+            yield _finding(place, column, check, cases)
+    if kind == "poses":
+        yield from _rotations(frame, names, place)
+
+
+def _finding(place: Place, column: str, check: str, cases: Sequence[tuple[Any, Any]]) -> Finding:
+    where = Place(place.file, place.utterance, column)
+    if check == "column_in_dataframe":
+        return Finding("MF503", where, "there is no such column", "a column of that name")
+    rows = [int(row) for row, _ in cases if isinstance(row, int | np.integer)]
+    values = ", ".join(dict.fromkeys(str(value) for _, value in cases[:_SHOWN]))
+    if check.startswith("dtype"):
+        return Finding("MF503", where, f"values are {values}", check.replace("dtype", "values of"))
+    expected = ASKED.get(check, ASKED["unique"] if "unique" in check else check)
+    expected = "a value in every row" if check == "not_nullable" else expected
+    if not rows:
+        return Finding("MF503", where, values or "other values", expected)
+    shown = f"row {rows[0]}" if len(rows) == 1 else f"{len(rows)} rows from row {rows[0]}"
+    return Finding("MF503", where, f"{values} ({shown})", expected)
+
+
+def _rotations(frame: pd.DataFrame, names: Sequence[str], place: Place) -> Iterator[Finding]:
+    for name in names:
+        columns = [f"{name}_r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)]
+        if not set(columns) <= set(frame.columns):
+            continue
+        matrices = frame[columns].to_numpy(dtype=float).reshape(-1, 3, 3)
+        there = np.isfinite(matrices).all(axis=(1, 2))
+        product = np.einsum("fij,fkj->fik", matrices[there], matrices[there])
+        off = np.abs(product - np.eye(3)).max(axis=(1, 2)) > 1e-6
+        off |= np.linalg.det(matrices[there]) < 0
+        if off.any():
+            frame_number = int(np.flatnonzero(there)[int(np.argmax(off))])
+            yield Finding(
+                "MF503",
+                Place(place.file, place.utterance, name, (frame_number, frame_number)),
+                f"{int(off.sum())} matrices turn nothing",
+                ASKED["rotation"],
+            )
+
+
+def check_times(
+    frame: pd.DataFrame, description: Mapping[str, Any], place: Place, limits: Thresholds
+) -> Iterator[Finding]:
+    """Find time stamps that are not those of the file's own rate and start time."""
+    if "time" not in frame or not len(frame):
+        return
+    times = frame["time"].to_numpy(dtype=float)
+    rate, start = float(description["rate"]), float(description["start_time"])
+    even = start + np.arange(len(times)) / rate
+    allowed = limits.time.stamp / rate
+    off = ~(np.abs(times - even) <= allowed)
+    if not off.any():
+        return
+    first = int(np.argmax(off))
+    # A rate of its own, evenly kept, is another mistake than a frame that is out of place.
+    steps = np.diff(times)
+    spread = float(np.ptp(steps)) if len(steps) and np.isfinite(times).all() else np.inf
+    if len(steps) > 1 and spread < allowed and abs(np.median(steps) * rate - 1) > limits.time.rate:
+        yield Finding(
+            "MF141",
+            Place(place.file, place.utterance, "time"),
+            f"time stamps {1 / np.median(steps):.6g} Hz apart",
+            f"{rate:g} Hz, as the file's description says",
+        )
+        return
+    yield Finding(
+        "MF142",
+        Place(
+            place.file,
+            place.utterance,
+            "time",
+            (first, first + int(np.flatnonzero(off)[-1]) - first),
+            (float(even[first]), float(even[np.flatnonzero(off)[-1]])),
+        ),
+        f"{int(off.sum())} of {len(times)} stamps are off, the first by "
+        f"{1000 * (times[first] - even[first]):.1f} ms",
+        f"every {1000 / rate:.2f} ms from {start:g} s",
+    )
+
+
+def check_own_name(frame: pd.DataFrame, utterance: str, place: Place) -> Iterator[Finding]:
+    """Find rows that name another utterance than the file does."""
+    if "utterance" not in frame:
+        return
+    others = sorted({str(name) for name in frame["utterance"].unique()} - {utterance})
+    if others:
+        yield Finding(
+            "MF504",
+            Place(place.file, place.utterance, "utterance"),
+            f"rows of {', '.join(others[:_SHOWN])}",
+            utterance,
+        )
