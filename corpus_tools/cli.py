@@ -196,6 +196,56 @@ def fit(
 
 
 @app.command()
+def validate(
+    paths: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="PATH",
+            help="Corpora, folders, recordings, labels, sound; files of one name belong together.",
+            readable=False,
+        ),
+    ] = None,
+    thresholds: Annotated[
+        Path | None,
+        typer.Option(help="A TOML file that changes what counts as wrong.", readable=False),
+    ] = None,
+    html: Annotated[
+        Path | None, typer.Option(help="A page with the report and pictures.", readable=False)
+    ] = None,
+    layout: Annotated[
+        str | None, typer.Option(help="The marker layout: a shipped name, or a TOML file.")
+    ] = None,
+    phone_set: Annotated[
+        str | None, typer.Option(help="The phone set: a shipped name, or a TOML file.")
+    ] = None,
+    codes: Annotated[
+        bool, typer.Option("--codes", help="List all that can be found, and end.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Check recordings, labels, sound and corpora; name what is wrong, where, and what to do.
+
+    Exit status 1 if anything is an error; warnings and notes alone leave it at 0.
+    """
+    from corpus_tools import validate as command
+
+    if codes:
+        raise typer.Exit(command.codes(as_json=as_json))
+    if not paths:
+        raise typer.BadParameter("give a corpus, a folder or a file", param_hint="PATH")
+    raise typer.Exit(
+        command.run(
+            paths,
+            thresholds=thresholds,
+            layout=layout,
+            phone_set=phone_set,
+            page=html,
+            as_json=as_json,
+        )
+    )
+
+
+@app.command()
 def simulate(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="A new folder.", readable=False)],
     utterances: Annotated[int, typer.Option(min=1, help="How many sentences.")] = 287,
