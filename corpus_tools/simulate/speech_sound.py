@@ -68,7 +68,6 @@ def load_speech_sound() -> SpeechSound:
 def speech_sound(
     phones: PhoneSequence,
     phone_set: PhoneSet,
-    duration: float,
     rng: np.random.Generator,
     table: SpeechSound | None = None,
 ) -> FloatArray:
@@ -80,8 +79,6 @@ def speech_sound(
         Of the set, from 0.
     phone_set
         Their set.
-    duration
-        Seconds.
     rng
         Of the pitch and the noise.
     table
@@ -93,6 +90,7 @@ def speech_sound(
         `(samples,)`, at `RATE`, within full scale.
     """
     table = load_speech_sound() if table is None else table
+    duration = phones[len(phones) - 1].end
     count = round(duration * RATE)
     frames = count // _HOP + _WINDOW // _HOP + 1
     times = (np.arange(frames) * _HOP + _HOP / 2 - _WINDOW / 2) / RATE
@@ -104,7 +102,7 @@ def speech_sound(
     phase = np.cumsum(np.interp(np.arange(length), np.arange(frames) * _HOP, pitch)) / RATE
     buzz = np.diff(np.floor(phase), prepend=0.0)
     hiss = rng.standard_normal(length)
-    frequencies: FloatArray = np.arange(_WINDOW // 2 + 1) * (RATE / _WINDOW)
+    frequencies = np.arange(_WINDOW // 2 + 1, dtype=np.float64) * (RATE / _WINDOW)
     shapes = (_resonances(frequencies, formants, table), _bands(frequencies, band))
     window = np.sqrt(np.hanning(_WINDOW + 1)[:-1])
     starts = np.arange(frames)[:, None] * _HOP + np.arange(_WINDOW)
@@ -124,7 +122,7 @@ def speech_sound(
     return np.asarray(np.clip(out + room * rng.standard_normal(count), -1.0, 1.0))
 
 
-def sync_pulses(times: FloatArray, samples: int) -> FloatArray:
+def sync_pulses(times: FloatArray, samples: int, rate: float = RATE) -> FloatArray:
     """A channel with a pulse at each of the times.
 
     Parameters
@@ -133,17 +131,19 @@ def sync_pulses(times: FloatArray, samples: int) -> FloatArray:
         `(frames,)`, seconds; a pulse begins at the nearest sample.
     samples
         Length of the channel.
+    rate
+        Samples a second.
     """
     channel = np.zeros(samples)
-    width = round(_PULSE * RATE)
-    for start in pulse_samples(times):
+    width = round(_PULSE * rate)
+    for start in pulse_samples(times, rate):
         channel[max(start, 0) : max(start + width, 0)] = _PULSE_HEIGHT
     return channel
 
 
-def pulse_samples(times: FloatArray) -> list[int]:
+def pulse_samples(times: FloatArray, rate: float = RATE) -> list[int]:
     """The samples at which the pulses of times begin."""
-    return [int(sample) for sample in np.round(times * RATE)]
+    return [int(sample) for sample in np.round(times * rate)]
 
 
 def _tracks(

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -19,7 +19,10 @@ from mocap_fit.fitting import load_layout
 from mocap_fit.io import write_qualisys_tsv
 from mocap_fit.io.labels import Label, Labels, Tier, write_labels
 from mocap_fit.phones import PhoneSequence, PhoneSet
-from mocap_fit.tracks import FloatArray, ParameterTracks, write_parquet
+from mocap_fit.tracks import ParameterTracks, write_parquet
+
+if TYPE_CHECKING:
+    from mocap_fit.sound import Sound
 
 DurationSource = Literal["model", "espeak"]
 DURATIONS: tuple[DurationSource, ...] = ("model", "espeak")
@@ -29,6 +32,8 @@ SPEAKER, SESSION = "speaker", "1"
 _TEST, _OF = 87, 287
 # Seconds of sound before the first frame and after the last.
 _BEFORE, _AFTER = (0.05, 0.35), (0.05, 0.2)
+# Of espeak-ng, from sentence to sentence.
+_WORDS_PER_MINUTE, _HASTE = 150.0, 0.12
 # Random numbers that do not depend on how many utterances there are.
 _SENTENCES, _SPEAKER = 1, 2
 
@@ -132,6 +137,11 @@ class _Takes:
         self.sentences = self.language.sentences(
             utterances, np.random.default_rng([seed, _SENTENCES])
         )
+        self.voice = None
+        if spoken.durations == "espeak":
+            from mocap_fit.synthesis import TextSpeaker
+
+            self.voice = TextSpeaker(spoken.language, phone_set=self.language.phone_set)
         self.articulator = Articulator(
             session.face, self.language.phone_set, np.random.default_rng([seed, _SPEAKER])
         )
@@ -140,7 +150,7 @@ class _Takes:
         self, index: int, name: str, rng: np.random.Generator, out: Path
     ) -> tuple[Simulation, Mapping[str, Any]]:
         """Say a sentence, and write its sound and labels; gives what the clocks were."""
-        from corpus_tools.simulate.speech_sound import RATE, pulse_samples, sync_pulses
+        from corpus_tools.simulate.speech_sound import pulse_samples, sync_pulses
         from mocap_fit.sound import Sound, write_sound
 
         timing, voice, face, cameras = rng.spawn(4)
@@ -148,7 +158,7 @@ class _Takes:
         phones, speech = self._speech(index, name, before, after, timing, voice)
         rate = self.session.conditions.rate
         real_rate = rate * (1.0 + self.spoken.drift * 1e-6)
-        end = len(speech) / RATE - after
+        end = speech.duration - after
         times = before + np.arange(int(np.floor((end - before) * real_rate))) / real_rate
         truth = ParameterTracks(
             self.session.face.parameter_names,
@@ -157,17 +167,18 @@ class _Takes:
             start_time=before,
             name=name,
         )
-        channels = np.stack([speech, sync_pulses(times, len(speech))], axis=1)
-        write_sound(Sound(channels, RATE), out / "sound" / f"{name}.wav")
-        labels = _labels(phones, self.language.phone_set, len(speech) / RATE)
+        pulses = sync_pulses(times, len(speech), speech.rate)
+        both = Sound(np.stack([speech.channel(1), pulses], axis=1), speech.rate)
+        write_sound(both, out / "sound" / f"{name}.wav")
+        labels = _labels(phones, self.language.phone_set, speech.duration)
         write_labels(labels, out / "labels" / f"{name}.TextGrid")
         clock = {
             "start_time": before,
             "drift_ppm": self.spoken.drift,
             "frames": len(times),
             "frame_rate": real_rate,
-            "first_pulse_sample": pulse_samples(times[:1])[0],
-            "sound_rate": RATE,
+            "first_pulse_sample": pulse_samples(times[:1], speech.rate)[0],
+            "sound_rate": speech.rate,
         }
         return self.session.play(truth, cameras), clock
 
@@ -179,15 +190,23 @@ class _Takes:
         after: float,
         timing: np.random.Generator,
         voice: np.random.Generator,
-    ) -> tuple[PhoneSequence, FloatArray]:
-        from corpus_tools.simulate.durations import spoken
-        from corpus_tools.simulate.speech_sound import speech_sound
+    ) -> tuple[PhoneSequence, Sound]:
+        from corpus_tools.simulate.durations import load_durations, spoken
+        from corpus_tools.simulate.speech_sound import RATE, speech_sound
+        from mocap_fit.sound import Sound
 
-        phone_set = self.language.phone_set
-        phones = spoken(
-            self.sentences[index].words, phone_set, timing, name=name, start=before, end=after
+        phone_set, sentence = self.language.phone_set, self.sentences[index]
+        if self.spoken.durations == "model":
+            phones = spoken(sentence.words, phone_set, timing, name=name, start=before, end=after)
+            return phones, Sound(speech_sound(phones, phone_set, voice), RATE, name=name)
+        assert self.voice is not None
+        said = self.voice.speak(
+            sentence.text,
+            name=name,
+            words_per_minute=_WORDS_PER_MINUTE * np.exp(timing.uniform(-_HASTE, _HASTE)),
+            silence=max(before, after) + timing.uniform(*load_durations().pauses.before),
         )
-        return phones, speech_sound(phones, phone_set, phones[len(phones) - 1].end, voice)
+        return said.phones, said.sound
 
     def table(self, names: list[str]) -> str:
         """``sentences.tsv``."""
