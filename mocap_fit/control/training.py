@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from mocap_fit.control.model_file import read_model_file, write_model_file
 from mocap_fit.corpus import Corpus
-from mocap_fit.errors import DataError, FileFormatError
+from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
 from mocap_fit.phones import (
     ARTICULATORY_PARAMETERS,
     PhoneSegment,
@@ -166,6 +167,35 @@ def check_phone_set(corpus: Corpus, name: str) -> None:
             found=corpus.phone_set.name,
             expected=name,
         )
+
+
+def check_settings(model: Any, **least: float) -> None:
+    """See that numbers among a model's settings are possible.
+
+    Parameters
+    ----------
+    model
+        The model.
+    least
+        By setting, the least that it may be.
+
+    Raises
+    ------
+    ConfigurationError
+        If one is less, or no finite number.
+    """
+    for name, smallest in least.items():
+        value = getattr(model, name)
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not (smallest <= value < math.inf)
+        ):
+            raise ConfigurationError(
+                f"the setting '{name}' of the model '{model.name}' is not possible",
+                found=value,
+                expected=f"a number, {smallest} at least",
+            )
 
 
 def planned_symbols(phone_set: str, stress: bool) -> tuple[PhoneSet, tuple[str, ...]]:

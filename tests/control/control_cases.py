@@ -34,6 +34,7 @@ SENTENCES = (
 
 # Small forms of models whose own size would take long: what `create` is told for these tests.
 SETTINGS: dict[str, dict] = {
+    "cohen-massaro": {"iterations": 3},
     "ridge": {"context": 2},
     "lab-levels": {"factor": 0.9},
 }
