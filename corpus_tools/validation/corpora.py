@@ -223,8 +223,11 @@ def _sampling(summaries: Sequence[Summary]) -> Iterator[Finding]:
 def _twice(summaries: Sequence[Summary], limits: Thresholds, splits: bool) -> Iterator[Finding]:
     reported: set[tuple[str, str]] = set()
     for kind, code in (("recording", "MF505"), ("parameters", "MF505"), ("sound", "MF506")):
-        alike = (s for s in summaries if kind in s.prints)
-        for members in _groups(list(alike), lambda s, kind=kind: s.prints[kind]):
+        alike: dict[str, list[Summary]] = {}
+        for summary in summaries:
+            if kind in summary.prints:
+                alike.setdefault(summary.prints[kind], []).append(summary)
+        for members in alike.values():
             for one, other in itertools.pairwise(members):
                 across = splits and one.split != other.split
                 pair = (one.name, other.name)

@@ -73,7 +73,7 @@ def _liveliest(positions: FloatArray) -> int:
 
 
 def _gaps(recording: MarkerTracks, place: Place, limits: Thresholds) -> Iterator[Finding]:
-    empty = ~recording.visible.any(axis=1)
+    empty = np.asarray(~recording.visible.any(axis=1))
     for run in runs(empty):
         if run.stop - run.start >= limits.markers.empty_frames:
             yield Finding("MF109", at(place, recording, "", run), f"{run.stop - run.start} frames")

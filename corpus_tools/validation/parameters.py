@@ -41,7 +41,7 @@ def check_parameters(
     limits
         What counts as wrong.
     """
-    known = np.isfinite(tracks.values).all(axis=1)
+    known = np.asarray(np.isfinite(tracks.values).all(axis=1))
     if not known.any():
         yield Finding("MF305", place, f"{tracks.frames} frames, none fitted", "parameters")
         return

@@ -59,7 +59,8 @@ def seen_median(values: FloatArray) -> FloatArray:
     middle = np.full(flat.shape[1], np.nan)
     some = ~np.isnan(flat).all(axis=0)
     middle[some] = np.nanmedian(flat[:, some], axis=0)
-    return middle.reshape(values.shape[1:])
+    result: FloatArray = middle.reshape(values.shape[1:])
+    return result
 
 
 def back(positions: FloatArray, rotations: FloatArray, translations: FloatArray) -> FloatArray:
@@ -226,7 +227,7 @@ def in_words(matrix: FloatArray) -> tuple[str, str]:
     nearest = np.zeros((3, 3))
     left = np.abs(matrix).copy()
     for _ in range(3):
-        row, column = np.unravel_index(int(np.argmax(left)), left.shape)
+        row, column = divmod(int(np.argmax(left)), 3)
         nearest[row, column] = np.sign(matrix[row, column]) or 1.0
         left[row, :], left[:, column] = -1.0, -1.0
     if np.array_equal(nearest, np.eye(3)):

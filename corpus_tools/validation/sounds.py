@@ -106,7 +106,8 @@ def check_lengths(
     rules = limits.time
 
     def differ(one: float, other: float) -> bool:
-        return abs(one - other) > max(rules.length, rules.length_share * max(one, other))
+        allowed: float = max(rules.length, rules.length_share * max(one, other))
+        return abs(one - other) > allowed
 
     recorded = start_time + frames / rate
     if not differ(recorded, sound_end):
@@ -163,7 +164,7 @@ def check_pulses(
         except DataError:
             continue
         where = Place(place.file, place.utterance, f"channel {number}")
-        found = list(clock_findings(train.drift_ppm, train.residual, where, limits))
+        found = list(clock_findings(train.drift_ppm, train.residual or 0.0, where, limits))
         heard = float(train.heard.sum()) / max(1, frames)
         if train.frames != frames or heard < limits.time.pulses_heard:
             found.append(

@@ -307,7 +307,7 @@ def _lengths(
             tracks.rate,
             tracks.start_time,
             sound.duration,
-            max(ends, default=None),  # type: ignore[type-var]
+            max(ends, default=None),
             subject.place(part),
             limits,
         )

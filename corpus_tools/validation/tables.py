@@ -60,7 +60,7 @@ def _schema(kind: str, names: tuple[str, ...] = ()) -> Any:
             return False
         return all(isinstance(item, str) for item in value)
 
-    number = {"dtype": float, "nullable": True, "coerce": False}
+    number: dict[str, Any] = {"dtype": float, "nullable": True, "coerce": False}
     finite = check("finite", lambda s: np.isfinite(s) | s.isna(), True)
     positive = check("not negative", lambda s: (s >= 0) | s.isna(), True)
     text = pa.Column(str, check("not empty", lambda v: bool(v)))
