@@ -8,14 +8,15 @@ import os
 import struct
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal, Self, get_args
 
 import numpy as np
 
 from mocap_fit.errors import DataError, FileFormatError
 from mocap_fit.tracks import FloatArray
 
-Encoding = Literal["PCM_16", "PCM_24", "FLOAT", "DOUBLE"]
+Encoding = Literal["PCM_16", "PCM_24", "PCM_32", "FLOAT", "DOUBLE"]
+_ENCODINGS: tuple[Encoding, ...] = get_args(Encoding)
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +31,8 @@ class Sound:
         Samples a second, hertz.
     name
         What it is called; the file name without its ending when it was read.
+    encoding
+        How its samples were stored, and are when it is written.
 
     Raises
     ------
@@ -40,6 +43,7 @@ class Sound:
     samples: FloatArray
     rate: float
     name: str = field(default="", kw_only=True)
+    encoding: Encoding = field(default="PCM_16", kw_only=True)
 
     def __post_init__(self) -> None:
         try:
@@ -143,8 +147,9 @@ def read_sound(path: str | os.PathLike[str]) -> Sound:
     if not file.is_file():
         raise FileFormatError("there is no such file", path=path, expected="a wav file")
     try:
-        with open(file, "rb") as stream:
-            samples, rate = soundfile.read(stream, dtype="float64", always_2d=True)
+        with open(file, "rb") as stream, soundfile.SoundFile(stream) as opened:
+            samples, rate = opened.read(dtype="float64", always_2d=True), opened.samplerate
+            stored = opened.subtype
     except OSError as error:
         raise FileFormatError(
             "the file cannot be read", path=path, found=error.strerror or error
@@ -159,8 +164,11 @@ def read_sound(path: str | os.PathLike[str]) -> Sound:
         ) from None
     if not len(samples):
         raise FileFormatError("the sound file holds no sample", path=path)
+    encoding: Encoding = "PCM_16"
+    for known in _ENCODINGS:
+        encoding = known if stored == known else encoding
     try:
-        return Sound(samples, rate, name=file.stem)
+        return Sound(samples, rate, name=file.stem, encoding=encoding)
     except DataError as error:
         raise DataError(
             error.problem, path=path, found=error.found, expected=error.expected
@@ -168,7 +176,7 @@ def read_sound(path: str | os.PathLike[str]) -> Sound:
 
 
 def write_sound(
-    sound: Sound, path: str | os.PathLike[str], *, encoding: Encoding = "PCM_16"
+    sound: Sound, path: str | os.PathLike[str], *, encoding: Encoding | None = None
 ) -> None:
     """Write a wav file, whole or not at all; the same sound gives the same bytes.
 
@@ -179,8 +187,8 @@ def write_sound(
     path
         The file; one that exists is replaced.
     encoding
-        How a sample is stored. With ``PCM_16`` and ``PCM_24`` samples beyond full scale are
-        clipped.
+        How a sample is stored; as the sound says where not given. As whole numbers
+        (``PCM_16``), samples beyond full scale are clipped.
 
     Raises
     ------
@@ -200,7 +208,8 @@ def write_sound(
             expected="a whole number",
         )
     samples: FloatArray = sound.samples
-    if encoding in ("PCM_16", "PCM_24"):
+    encoding = encoding or sound.encoding
+    if encoding.startswith("PCM"):
         samples = np.clip(samples, -1.0, 1.0)
     target = Path(path)
     partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
