@@ -26,7 +26,7 @@ import typer
 from typer.core import TyperGroup
 
 import mocap_fit
-from corpus_tools import console, model_commands
+from corpus_tools import console, corpus_commands, model_commands, speak_commands
 from corpus_tools.arguments import AsJson, one_of
 
 
@@ -323,5 +323,11 @@ def simulate(
     raise typer.Exit(status)
 
 
+app.command()(corpus_commands.convert)
+app.command()(corpus_commands.align)
+app.command()(corpus_commands.select_sentences)
 app.command()(model_commands.train)
 app.command()(model_commands.evaluate)
+app.command()(speak_commands.speak)
+app.command()(speak_commands.stream)
+app.command()(speak_commands.export)

@@ -1,0 +1,2 @@
+"""``mocap-fit export``: face parameters for other programs."""
+KINDS = ("gltf", "fap", "csv")
