@@ -150,7 +150,7 @@ def _gaps(gaps: dict[str, list[float]], limit: float) -> Figure:
 
 
 def _front(summaries: Sequence[Summary]) -> Figure:
-    figure, panels = new_figure((4.6, 5.0))
+    figure, panels = new_figure((_WIDTH, 6.4))
     panel = panels[0, 0]
     for summary in summaries:
         shape = summary.shape
@@ -164,7 +164,7 @@ def _front(summaries: Sequence[Summary]) -> Figure:
     for name, place in zip(last.names, face, strict=True):
         if np.isfinite(place).all():
             panel.annotate(
-                name, place[:2], fontsize=4.5, color=GREY, xytext=(2, 2), textcoords="offset points"
+                name, place[:2], fontsize=6, color=GREY, xytext=(2, 2), textcoords="offset points"
             )
     panel.set_aspect("equal")
     panel.set_xlabel("to the speaker's left (mm)")

@@ -72,7 +72,7 @@ def typical_shape(positions: FloatArray, rounds: int = 4) -> FloatArray:
     """The median shape of markers, `(markers, 3)`, as the most complete frame has it placed."""
     sample = positions[:: max(1, len(positions) // _SAMPLE)]
     counts = (~np.isnan(sample[:, :, 0])).sum(axis=1)
-    shape = sample[int(np.argmax(counts))]
+    shape: FloatArray = sample[int(np.argmax(counts))]
     for _ in range(rounds):
         rotations, translations, residuals = rigid_transforms(shape, sample)
         if np.isnan(residuals).all():

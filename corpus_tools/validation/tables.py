@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ import numpy as np
 
 from corpus_tools.validation.findings import Finding, Place
 from corpus_tools.validation.thresholds import Thresholds
+from mocap_fit.tracks import FloatArray
 from mocap_fit.tracks.parquet_file import read_table
 
 if TYPE_CHECKING:
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
 
 _SHOWN = 3
 # What an id may not hold: it is the name of files.
-_ID = r"[^\s./\\*?\[\]][^/\\*?\[\]]*"
+_ID = re.compile(r"[^\s./\\*?\[\]][^/\\*?\[\]]*")
 
 #: What a check asks for, by its name; shown as what was expected.
 ASKED = {
@@ -28,6 +30,7 @@ ASKED = {
     "above 0": "a number above 0",
     "not negative": "0 or more",
     "finite": "finite numbers",
+    "origin": "0 missing, 1 measured, 2 filled or 3 virtual",
     "end after start": "an end after the start",
     "stress": "0, 1, 2 or nothing",
     "decibels": "finite, at most 20 dB",
@@ -48,6 +51,18 @@ def read_frame(path: Path, kinds: Sequence[str]) -> tuple[pd.DataFrame, dict[str
     return table.to_pandas(), description
 
 
+def _cells(
+    table: pd.DataFrame, names: Sequence[str], test: Callable[[FloatArray], Any]
+) -> pd.DataFrame:
+    """Which cells of a table are as they must be; a test is made of some columns alone."""
+    import pandas as pd
+
+    fine = pd.DataFrame(True, index=table.index, columns=table.columns)
+    chosen = [n for n in names if n in table and pd.api.types.is_float_dtype(table[n])]
+    fine[chosen] = test(table[chosen].to_numpy())
+    return fine
+
+
 @cache
 def _schema(kind: str, names: tuple[str, ...] = ()) -> Any:
     import pandera.pandas as pa
@@ -60,15 +75,18 @@ def _schema(kind: str, names: tuple[str, ...] = ()) -> Any:
             return False
         return all(isinstance(item, str) for item in value)
 
+    def ends_later(table: pd.DataFrame) -> pd.DataFrame:
+        starts = table["start"].to_numpy()[:, None]
+        return _cells(table, ["end"], lambda ends: ends > starts)
+
     number: dict[str, Any] = {"dtype": float, "nullable": True, "coerce": False}
     finite = check("finite", lambda s: np.isfinite(s) | s.isna(), True)
-    positive = check("not negative", lambda s: (s >= 0) | s.isna(), True)
     text = pa.Column(str, check("not empty", lambda v: bool(v)))
     free = pa.Column(str)
     if kind == "utterances":
         return pa.DataFrameSchema(
             {
-                "id": pa.Column(str, pa.Check.str_matches(f"^{_ID}$", name="id"), unique=True),
+                "id": pa.Column(str, check("id", lambda v: bool(_ID.fullmatch(v))), unique=True),
                 "speaker": free,
                 "session": free,
                 "split": text,
@@ -86,32 +104,41 @@ def _schema(kind: str, names: tuple[str, ...] = ()) -> Any:
                 "start": pa.Column(float, finite),
                 "end": pa.Column(float, finite),
                 "phone": text,
-                "stress": pa.Column(checks=pa.Check.isin((0, 1, 2), name="stress"), nullable=True),
+                "stress": pa.Column(
+                    checks=check("stress", lambda v: v in (0, 1, 2)), nullable=True
+                ),
                 "word": free,
                 # pandas has a column of nothing but null as objects.
                 "energy_db": pa.Column(checks=level, nullable=True, dtype=float, coerce=True),
             },
-            checks=pa.Check(lambda t: t["end"] > t["start"], name="end after start"),
+            checks=pa.Check(ends_later, name="end after start"),
         )
-    columns: dict[str, Any] = {"utterance": free, "time": pa.Column(float, finite)}
+    columns: dict[str, Any] = {"utterance": free, "time": pa.Column(float)}
+    # Tables of markers have hundreds of columns: one check for all of them is quick.
+    measured, lengths = ["time"], []
     if kind == "parameters":
-        columns |= {name: pa.Column(checks=finite, **number) for name in names}
-        columns |= {f"{name}_sd": pa.Column(checks=positive, **number) for name in names}
-        columns["residual_mm"] = pa.Column(checks=positive, **number)
-        return pa.DataFrameSchema(columns)
-    if kind == "markers":
-        for name in names:
-            columns |= {f"{name}_{axis}": pa.Column(checks=finite, **number) for axis in "xyz"}
-            columns[f"{name}_origin"] = pa.Column(
-                checks=pa.Check.isin((0, 1, 2, 3), name="finite"), nullable=False
-            )
-        return pa.DataFrameSchema(columns)
-    for name in names:
-        columns |= {f"{name}_{axis}": pa.Column(checks=finite, **number) for axis in "xyz"}
-        matrix = [f"{name}_r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)]
-        columns |= {part: pa.Column(checks=finite, **number) for part in matrix}
-        columns[f"{name}_residual_mm"] = pa.Column(checks=positive, **number)
-    return pa.DataFrameSchema(columns)
+        measured += names
+        lengths += [*(f"{name}_sd" for name in names), "residual_mm"]
+    elif kind == "markers":
+        measured += [f"{name}_{axis}" for name in names for axis in "xyz"]
+        origins = check("origin", lambda s: s.isin((0, 1, 2, 3)), True)
+        columns |= {f"{name}_origin": pa.Column(checks=origins) for name in names}
+    else:
+        parts = (*"xyz", *(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)))
+        measured += [f"{name}_{part}" for name in names for part in parts]
+        lengths += [f"{name}_residual_mm" for name in names]
+    columns |= {name: pa.Column(**number) for name in [*measured[1:], *lengths]}
+
+    def are_finite(table: pd.DataFrame) -> pd.DataFrame:
+        return _cells(table, measured, lambda values: ~np.isinf(values))
+
+    def are_lengths(table: pd.DataFrame) -> pd.DataFrame:
+        return _cells(table, lengths, lambda values: ~(values < 0))
+
+    checks = [pa.Check(are_finite, name="finite", ignore_na=False)]
+    if lengths:
+        checks.append(pa.Check(are_lengths, name="not negative", ignore_na=False))
+    return pa.DataFrameSchema(columns, checks=checks)
 
 
 def check_table(
@@ -137,13 +164,14 @@ def check_table(
     except SchemaErrors as errors:
         groups: dict[tuple[str, str], list[tuple[Any, Any]]] = {}
         for row in errors.failure_cases.to_dict("records"):
-            column = row["column"]
-            missing = row["check"] == "column_in_dataframe"
-            column = row["failure_case"] if missing else column
-            name = str(column) if isinstance(column, str) else ""
-            groups.setdefault((name, str(row["check"])), []).append(
-                (row["index"], row["failure_case"])
-            )
+            check, column, case = str(row["check"]), row["column"], row["failure_case"]
+            # A check of the whole table gives its cells by their columns.
+            cells = case if isinstance(case, dict) else {column: case}
+            if check == "column_in_dataframe":
+                cells = {case: ""}
+            for name, value in cells.items():
+                name = name if isinstance(name, str) else ""
+                groups.setdefault((name, check), []).append((row["index"], value))
         for (column, check), cases in groups.items():
             yield _finding(place, column, check, cases)
     if kind == "poses":
@@ -157,7 +185,8 @@ def _finding(place: Place, column: str, check: str, cases: Sequence[tuple[Any, A
     rows = [int(row) for row, _ in cases if isinstance(row, int | np.integer)]
     values = ", ".join(dict.fromkeys(str(value) for _, value in cases[:_SHOWN]))
     if check.startswith("dtype"):
-        return Finding("MF503", where, f"values are {values}", check.replace("dtype", "values of"))
+        wanted = check.removeprefix("dtype").strip("()'")
+        return Finding("MF503", where, f"values of {values}", f"values of {wanted}")
     expected = ASKED.get(check, ASKED["unique"] if "unique" in check else check)
     expected = "a value in every row" if check == "not_nullable" else expected
     if not rows:
