@@ -1,0 +1,5 @@
+"""Recurrent networks from phones to face parameters: ANN 1 and ANN 2 (Beskow 4.4 and 4.5)."""
+
+from mocap_fit.control.networks.models import LowLatencyNetworks, SymmetricNetworks
+
+__all__ = ["LowLatencyNetworks", "SymmetricNetworks"]
