@@ -167,5 +167,5 @@ def export(
     """Write face parameters for other programs: glTF, MPEG-4 FAP, CSV."""
     from corpus_tools import export as command
 
-    kind = one_of(to, command.KINDS, "--to")
+    kind: command.Kind = one_of(to, command.KINDS, "--to")  # type: ignore[assignment]
     raise typer.Exit(command.run(tracks, kind, out, face=face, rate=rate, as_json=as_json))

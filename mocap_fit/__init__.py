@@ -25,6 +25,8 @@ _HOMES: dict[str, str] = {
     "bind_markers": "mocap_fit.fitting",
     "fit_orientation": "mocap_fit.fitting",
     "fit_shape": "mocap_fit.fitting",
+    "synthesise": "mocap_fit.synthesis",
+    "render_movie": "mocap_fit.render",
 }
 
 if TYPE_CHECKING:
@@ -37,6 +39,8 @@ if TYPE_CHECKING:
     from mocap_fit.head import remove_head_motion as remove_head_motion
     from mocap_fit.io import read_phones as read_phones
     from mocap_fit.io import read_tracks as read_tracks
+    from mocap_fit.render import render_movie as render_movie
+    from mocap_fit.synthesis import synthesise as synthesise
 
 __all__ = ["__version__", *_HOMES]
 
