@@ -21,6 +21,7 @@ from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.phones import PhoneSet, load_phone_set
 
 START = "SENTENCE"
+_MARKS = (",", "?")
 # Draws of a sentence before the grammar counts as used up.
 _TRIES = 2000
 
@@ -49,6 +50,7 @@ class LanguageFile(Strict):
     length: tuple[int, int]
     stress: str = ""
     releases: bool = False
+    before_vowels: dict[str, str] = Field(default={})
     voicing: dict[str, str] = Field(default={})
     voicing_neither: tuple[str, ...] = ()
     rules: dict[str, tuple[str, ...]]
@@ -75,6 +77,8 @@ class Language:
         Least and largest number of words.
     releases
         Whether the release of a stop is a phone of its own.
+    before_vowels
+        Word → what it is before a vowel.
     voicing
         Voiceless obstruent → its voiced partner, where they assimilate between words.
     voicing_neither
@@ -88,6 +92,7 @@ class Language:
     lexicon: Mapping[str, tuple[SpokenWord, ...]]
     length: tuple[int, int]
     releases: bool = False
+    before_vowels: Mapping[str, SpokenWord] = field(default_factory=dict)
     voicing: Mapping[str, str] = field(default_factory=dict)
     voicing_neither: frozenset[str] = frozenset()
 
@@ -107,10 +112,15 @@ class Language:
         while len(found) < count:
             for _ in range(_TRIES):
                 tokens = self._drawn(START, rng, used)
-                said = [part for token in tokens for part in self.lexicon.get(token, (PAUSE,))]
+                said = [
+                    part
+                    for token in tokens
+                    if token != "?"
+                    for part in self.lexicon.get(token, (PAUSE,))
+                ]
                 words = [word.text for word in said if word.phones]
                 content = [word.text for word in said if any(phone.stress for phone in word.phones)]
-                sentence = self.spoken(said)
+                sentence = self.spoken(said, "?" if tokens[-1] == "?" else ".")
                 least, most = self.length
                 if (
                     least <= len(words) <= most
@@ -148,8 +158,17 @@ class Language:
             )
         return self.spoken([PAUSE if token == "," else every[token.lower()] for token in tokens])
 
-    def spoken(self, words: Sequence[SpokenWord]) -> Sentence:
-        """Say words in a row, with `PAUSE` for each comma: what happens between words happens."""
+    def spoken(self, words: Sequence[SpokenWord], mark: str = ".") -> Sentence:
+        """Say words in a row, with `PAUSE` for each comma: what happens between words happens.
+
+        Parameters
+        ----------
+        words
+            As they are said alone.
+        mark
+            What the text ends with.
+        """
+        words = self._before_vowels(words)
         text = re.sub(r" ,", ",", " ".join(word.text or "," for word in words))
         following = [*words[1:], PAUSE]
         words = [
@@ -158,7 +177,14 @@ class Language:
         ]
         if self.releases:
             words = self._with_releases(words)
-        return Sentence(f"{text[:1].upper()}{text[1:]}.", tuple(words))
+        return Sentence(f"{text[:1].upper()}{text[1:]}{mark}", tuple(words))
+
+    def _before_vowels(self, words: Sequence[SpokenWord]) -> list[SpokenWord]:
+        new = []
+        for word, after in zip(words, [*words[1:], PAUSE], strict=True):
+            vowel = bool(after.phones) and self.phone_set.is_vowel(after.phones[0].phone)
+            new.append(self.before_vowels.get(word.text, word) if vowel else word)
+        return new
 
     def _drawn(self, name: str, rng: np.random.Generator, used: Counter[str]) -> list[str]:
         alternatives = self.rules[name]
@@ -280,10 +306,18 @@ def read_language(content: LanguageFile, file: str) -> Language:
         if len(set(members)) < len(members):
             faults.append(f"'{name}' has a word twice")
         classes[name] = tuple(members)
+    before_vowels = {}
+    for word, line in content.before_vowels.items():
+        text, _, rest = line.partition(" ")
+        said = _said(text, rest, phone_set, first_stressed=False)
+        if said is None or word not in lexicon:
+            faults.append(f"'{word}' before vowels")
+        else:
+            before_vowels[word] = said[0]
     rules = {name: tuple(tuple(a.split()) for a in alts) for name, alts in content.rules.items()}
     for name, alternatives in rules.items():
         for token in {token for alternative in alternatives for token in alternative}:
-            known = token in rules or token == "," or token in lexicon or token[1:-1] in classes
+            known = token in rules or token in _MARKS or token in lexicon or token[1:-1] in classes
             if not known:
                 faults.append(f"'{token}' in {name}")
     if START not in rules:
@@ -300,6 +334,7 @@ def read_language(content: LanguageFile, file: str) -> Language:
         lexicon,
         content.length,
         content.releases,
+        before_vowels,
         content.voicing,
         frozenset(content.voicing_neither),
     )
@@ -314,7 +349,7 @@ def _said(
     if len(texts) != len(parts) or None in parsed:
         return None
     said = [found for found in parsed if found is not None]
-    if first_stressed:
+    if first_stressed and not any(phone.stress for found in said for phone in found):
         said = [_first_stressed(found) for found in said]
     return tuple(map(SpokenWord, texts, said))
 

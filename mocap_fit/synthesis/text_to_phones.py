@@ -7,6 +7,7 @@ written in a phone set of ours.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import subprocess
 import sys
@@ -31,6 +32,8 @@ from mocap_fit.sound import Sound
 
 # A pause shorter than this is the closure of the stop after it, or none at all.
 _SHORTEST_PAUSE = 0.09
+# The part of a sound that belongs to a phone which is merged into its end.
+_MERGED = 0.35
 # Times are given to a hundredth of a millisecond, less than half a sample.
 _DECIMALS = 5
 _STRESS = {"ˈ": 1, "ˌ": 2}
@@ -50,15 +53,30 @@ class Voice:
     respelled
         Sounds as the voice names them → the same in IPA as the phone set has it, with blanks
         between several.
+    joined
+        Two sounds in a row → the one that they are in this language.
     """
 
     name: str
     phone_set: str
     respelled: Mapping[str, str] = field(default_factory=dict)
+    joined: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
 
 LANGUAGES: dict[str, Voice] = {
-    "sv": Voice("sv", "sv-sta", {"sx": "ɧ", "ʃ": "ɧ", "y": "ʏ"}),
+    "sv": Voice(
+        "sv",
+        "sv-sta",
+        {"sx": "ɧ", "ʃ": "ɧ", "y": "ʏ", "œ": "ø"},
+        # The voice has but one of the retroflexes of Central Swedish.
+        {
+            ("r", "t"): "ʈ",
+            ("r", "d"): "ɖ",
+            ("r", "n"): "ɳ",
+            ("r", "s"): "ʂ",
+            ("r", "l"): "ɭ",
+        },
+    ),
     "cs": Voice("cs", "cs-sampa", {"dʑ": "d͡z"}),
     "en": Voice(
         "en-us",
@@ -195,6 +213,7 @@ class TextSpeaker:
                 found=repr(text),
                 advice="Give words in the language of the voice.",
             )
+        segments = self._joined(segments)
         phones = self._written(PhoneSequence(tuple(segments), phone_set="ipa", name=name))
         return SpokenText(text, sound, _whole(phones, self.phone_set.silence, sound.duration))
 
@@ -242,6 +261,17 @@ class TextSpeaker:
             parts.append(ipa[:length])
             ipa = ipa[length:].lstrip("ˈˌ")
         return parts
+
+    def _joined(self, segments: list[PhoneSegment]) -> list[PhoneSegment]:
+        found: list[PhoneSegment] = []
+        for segment in segments:
+            before = found[-1] if found else segment
+            one = self.voice.joined.get((before.phone, segment.phone))
+            if one is not None and before.word == segment.word:
+                segment = dataclasses.replace(segment, start=before.start, phone=one)
+                found.pop()
+            found.append(segment)
+        return found
 
     def _written(self, phones: PhoneSequence) -> PhoneSequence:
         if self.phone_set.name == self._ipa.name:
@@ -300,7 +330,15 @@ def _heard(events: list[list[Any]], samples: int, text: str) -> list[tuple[int, 
         else:
             starts.append((sample, name, word if name.lstrip("ˈˌ") else ""))
     ends = [start for start, _, _ in starts[1:]] + [samples]
-    return [(start, end, name, word) for (start, name, word), end in zip(starts, ends, strict=True)]
+    heard: list[tuple[int, int, str, str]] = []
+    for (start, name, word), end in zip(starts, ends, strict=True):
+        if start == end and name and heard and heard[-1][2]:
+            # An l after a vowel is part of the vowel's sound, and said to begin at its end.
+            first, _, vowel, its_word = heard[-1]
+            start = round(end - _MERGED * (end - first))
+            heard[-1] = first, start, vowel, its_word
+        heard.append((start, end, name, word))
+    return heard
 
 
 def _whole(phones: PhoneSequence, silence: str, duration: float) -> PhoneSequence:

@@ -35,7 +35,7 @@ def without_silence(spoken):
         ("sv", "S V Ä N S K A TJ Y R K A N S K A: V A: R A T I L J Ä L P"),
         (
             "cs",
-            r"p Q\ i: l i Z Z l u c o_u t_S k i: k u: J p j e l J\ a: b e s k e: o: d i",
+            r"p Q\ i: l i Z Z l u c o_u t_S k i: k u: J p j e l J\ a: b e l s k e: o: d i",
         ),
         ("en", "DH AH L IH D AH L CH ER CH AY HH AY D JH OY Z"),
     ],
