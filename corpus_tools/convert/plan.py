@@ -8,6 +8,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from mocap_fit.errors import ConfigurationError, MocapFitError
 from mocap_fit.face import load_face
 from mocap_fit.fitting import Layout, load_layout
 from mocap_fit.phones import PhoneSet, load_phone_set
+from mocap_fit.phones.set_table import phone_set_from_table, phone_set_table
 
 # Feature points of MPEG-4 on the upper and lower lip: inner border, outer border.
 _LIPS = (("2.2", "2.3"), ("8.1", "8.2"))
@@ -56,8 +58,10 @@ class Settings:
 
     Parameters
     ----------
-    manifest, options, phone_set
-        As the manifest says, and read.
+    manifest, options
+        As the manifest says.
+    phone_table
+        The phone set, as what can be sent to another process.
     speakers
         By the path of the reference pose.
     lips
@@ -71,11 +75,19 @@ class Settings:
 
     manifest: Manifest
     options: Options
-    phone_set: PhoneSet
+    phone_table: Mapping[str, Any]
     speakers: Mapping[str, Speaker]
     lips: tuple[str, str] | None
     fingerprints: Mapping[str, str]
     fresh: bool = False
+
+    @cached_property
+    def phone_set(self) -> PhoneSet:
+        """What the labels are written in."""
+        return phone_set_from_table(self.phone_table)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {key: value for key, value in self.__dict__.items() if key != "phone_set"}
 
     def inputs(self, job: Job, contents: Mapping[str, str]) -> str:
         """A sum over all that the files of an utterance depend on.
@@ -178,7 +190,8 @@ def make_plan(
             jobs.append(_job(manifest, entry, finder))
         except MocapFitError as error:
             refused[entry.id] = str(error)
-    settings = Settings(manifest, options, phone_set, speakers, lips, fingerprints, fresh)
+    table = phone_set_table(phone_set)
+    settings = Settings(manifest, options, table, speakers, lips, fingerprints, fresh)
     kept = None if own is None else (Path(set_name).name, own)
     return Plan(entries, tuple(jobs), refused, settings, kept)
 

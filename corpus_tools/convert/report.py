@@ -152,7 +152,7 @@ def _sync(found: Sequence[Mapping[str, Any]]) -> str:
     if drifts:
         missing = sum(each["missing"] for each in found if each["kind"] == "pulses")
         parts.append(
-            f"{len(drifts)} by pulses, {missing} of them missing, drift {np.median(drifts):+.1f} "
+            f"{len(drifts)} by pulses ({missing} pulses missing), drift {np.median(drifts):+.1f} "
             f"ppm ({min(drifts):+.1f} to {max(drifts):+.1f})"
         )
     guesses = [each["correlation"] for each in found if each["is_estimate"]]
