@@ -37,6 +37,8 @@ _SAME_RATE = 1e-3
 # Seconds by which a label may reach beyond the recording or the sound.
 _BEYOND = 0.02
 _SHOWN = 3
+# What readers say of a table of numbers that does not tell its rate; the manifest may.
+_NO_RATE = "the file does not say its frame rate"
 
 Told = Callable[[int, int], object]
 
@@ -349,10 +351,9 @@ def _recording(task: Task, job: Job) -> MarkerTracks:
     path, rate = task.root / job.recording, task.settings.manifest.rate
     try:
         recording = read_tracks(path)
-    except MocapFitError:
-        if rate is None:
+    except MocapFitError as error:
+        if rate is None or error.problem != _NO_RATE:
             raise
-        # A table of numbers may not tell its rate; whatever else is wrong is so with a rate too.
         recording = read_tracks(path, rate=rate)
     if rate is not None and abs(recording.rate / rate - 1.0) > _SAME_RATE:
         raise DataError(
