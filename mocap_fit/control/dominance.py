@@ -142,7 +142,7 @@ def jacobian(free: FloatArray, frames: Frames) -> tuple[FloatArray, FloatArray]:
     targets = free[frames.phones, 0][segments]
     values = np.sum(shares * targets, axis=1)
     by_alpha = shares * (targets - values[:, None])
-    by_power = np.where(shares > 0, -by_alpha * powers, 0.0)
+    by_power = -by_alpha * np.where(shares > 0, powers, 0.0)
     before = np.arange(powers.shape[1]) < frames.left[:, None]
     c = np.exp(free[frames.phones, 4])[segments]
     logarithms = np.where(shares > 0, frames.logarithms, 0.0)

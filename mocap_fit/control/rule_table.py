@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 import unicodedata
 from collections.abc import Mapping
@@ -156,6 +157,8 @@ class _LanguageFile(_Strict):
             cells = {n: str(c) for n, c in zip(self.columns, row, strict=True) if c != "-"}
             try:
                 targets = {name: float(cell.removeprefix("!")) for name, cell in cells.items()}
+                if not all(map(math.isfinite, targets.values())):
+                    raise ValueError
             except ValueError:
                 raise ValueError(
                     f"'{sound}' has a target that is no number, no number after '!' and not '-'"
