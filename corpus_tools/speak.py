@@ -222,9 +222,9 @@ def prepare(
                 console.screen().print(f"{language}: {speak_models.described(model)}")
         corpora.pop(language, None)
     if as_json:
-        console.print_json({"models": rows, "folder": speak_models.cached_file("x", "x").parent})
+        console.print_json({"models": rows, "folder": speak_models.folder()})
     elif rows:
-        console.screen().print(f"Kept in {Path(str(rows[0]['file'])).parent}", soft_wrap=True)
+        console.screen().print(f"Kept in {speak_models.folder()}", soft_wrap=True)
     return Status.DONE
 
 

@@ -84,13 +84,18 @@ def simulated_corpus(
     return Corpus.of(said, known.phone_set, language=language, face="built-in")
 
 
+def folder() -> Path:
+    """Where trained models are kept."""
+    return cache_folder() / "models"
+
+
 def cached_file(name: str, language: str, utterances: int = UTTERANCES) -> Path:
     """Where the trained model of a kind and a language is kept, or would be."""
     digest = hashlib.sha256(f"{mocap_fit.__version__} {np.__version__} {utterances}".encode())
     for path in _sources(name):
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
-    return cache_folder() / "models" / f"{name}-{language}-{digest.hexdigest()[:12]}.model"
+    return folder() / f"{name}-{language}-{digest.hexdigest()[:12]}.model"
 
 
 def prepared(
