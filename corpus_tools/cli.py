@@ -104,11 +104,15 @@ def demo(
 def info(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE", help="Recordings in any known format.", readable=False),
+        typer.Argument(
+            metavar="FILE",
+            help="Recordings, labels, sound, trained models, corpora.",
+            readable=False,
+        ),
     ],
     as_json: AsJson = False,
 ) -> None:
-    """Say what files hold: markers, rate, duration, gaps, events."""
+    """Say what recordings, labels, sound, models and corpora hold."""
     from corpus_tools import info as command
 
     raise typer.Exit(command.run(files, as_json=as_json))

@@ -41,6 +41,7 @@ ROOMS = {
     # runs other commands and draws what they found, the one entry.
     "corpus_tools": (
         "console",
+        "contents",
         "info",
         "manifest",
         "simulate",
