@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from pydantic import Field
@@ -101,6 +102,7 @@ class Articulation(Strict):
     diphthongs: _Diphthongs
 
 
+@cache
 def load_articulation() -> Articulation:
     """Read the shipped table."""
     return load_table("articulation.toml", Articulation)
@@ -145,6 +147,7 @@ class Articulator:
         self.names = face.parameter_names
         self._bounds = face.bounds
         self._set = phone_set
+        self._traits: dict[str, dict[str, float]] = {}
         self._lips = LipDistance.of(face)
         noise = self.table.speaker
         self._left_right = noise.left_right * float(np.clip(rng.standard_normal(), -2, 2))
@@ -272,15 +275,19 @@ class Articulator:
 
     def _parts(self, segment: PhoneSegment) -> Iterator[tuple[float, float, dict[str, float]]]:
         """The stretches of a phone with a target of their own: two of a diphthong."""
-        phone = self._set.phone(segment)
-        found = traits(phone)
-        ends = self.table.diphthongs.ends.get(plain_sound(phone))
+        found = self._traits_of(segment)
+        ends = self.table.diphthongs.ends.get(plain_sound(self._set.phone(segment)))
         if ends is None:
             yield segment.start, segment.end, found
             return
         turn = segment.start + self.table.diphthongs.turn * segment.duration
         yield segment.start, turn, found | ends["from"]
         yield turn, segment.end, found | ends["to"]
+
+    def _traits_of(self, segment: PhoneSegment) -> dict[str, float]:
+        if segment.phone not in self._traits:
+            self._traits[segment.phone] = traits(self._set.phone(segment))
+        return self._traits[segment.phone]
 
     def _anticipated(self, phones: PhoneSequence, active: _Active, parameter: str) -> float:
         """When a gesture may begin to show in a parameter: no phone before it minds."""
@@ -290,7 +297,7 @@ class Articulator:
         for segment in reversed(phones.segments[: active.phone]):
             if segment.end <= earliest:
                 break
-            found = traits(self._set.phone(segment))
+            found = self._traits_of(segment)
             minds = any(
                 parameter in gesture.targets and gesture.holds(found)
                 for gesture in self.table.gestures

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from pydantic import Field
@@ -96,6 +97,7 @@ class Durations(Strict):
         return self.rules.model_copy(update=self.languages.get(language, {}))
 
 
+@cache
 def load_durations() -> Durations:
     """Read the shipped table."""
     return load_table("durations.toml", Durations)
@@ -137,6 +139,8 @@ def spoken(
     table = load_durations() if table is None else table
     rules = table.rules_of(phone_set.language)
     rate = np.exp(_clipped(rng, table.noise.rate))
+    symbols = {phone.phone for word in words for phone in word.phones}
+    known = {symbol: traits(phone_set.phone(symbol)) for symbol in symbols}
     segments: list[PhoneSegment] = []
     clock = 0.0
 
@@ -153,8 +157,9 @@ def spoken(
             put(rng.uniform(*table.pauses.comma), silence)
             continue
         last = i + 1 == len(words) or not words[i + 1].phones
-        for phone, share in zip(word.phones, _shares(word, last, phone_set, rules), strict=True):
-            found = traits(phone_set.phone(phone.phone))
+        every = [known[phone.phone] for phone in word.phones]
+        shares = _shares(word, last, every, rules)
+        for phone, found, share in zip(word.phones, every, shares, strict=True):
             kind = next(rule for rule in table.phones if rule.holds(found))
             milliseconds = kind.least + (kind.inherent - kind.least) * share
             seconds = milliseconds / 1000 * rate * np.exp(_clipped(rng, table.noise.phone))
@@ -168,9 +173,10 @@ def _clipped(rng: np.random.Generator, deviation: float) -> float:
     return float(deviation * np.clip(rng.standard_normal(), -2.5, 2.5))
 
 
-def _shares(word: SpokenWord, last: bool, phone_set: PhoneSet, rules: _Rules) -> list[float]:
-    """Klatt's p of every phone of a word."""
-    found = [traits(phone_set.phone(phone.phone)) for phone in word.phones]
+def _shares(
+    word: SpokenWord, last: bool, found: list[dict[str, float]], rules: _Rules
+) -> list[float]:
+    """Klatt's p of every phone of a word, whose traits are given."""
     vowels = [i for i, f in enumerate(found) if f["vowel"]]
     speech = [i for i, f in enumerate(found) if not f["release"]]
     long_word = max(rules.long_word ** max(0, len(vowels) - 2), rules.long_word_least)

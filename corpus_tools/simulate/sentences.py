@@ -208,14 +208,10 @@ class Language:
             return phones
         first = after[0].phone
         voiced = {partner: voiceless for voiceless, partner in self.voicing.items()}
-        if first in self.voicing_neither:
+        values = self.phone_set.phone(first).values
+        if first in self.voicing_neither or max(values["stop"], values["fricative"]) < 1:
             return phones
-        if first in voiced:
-            change = dict(self.voicing)
-        elif first in self.voicing or self.phone_set.phone(first).values["stop"] == 1:
-            change = voiced
-        else:
-            return phones
+        change = dict(self.voicing) if values["voiced"] else voiced
         new = list(phones)
         for i in range(len(new) - 1, -1, -1):
             if new[i].phone not in self.voicing and new[i].phone not in voiced:

@@ -7,6 +7,8 @@ phones: loud vowels, quieter nasals, hissing, silent closures with bursts.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from corpus_tools.simulate.session import gesture as wandering
@@ -23,7 +25,8 @@ _SILENT = -99.0
 _BURST = 0.025
 # Frames over which levels and formants go over into each other.
 _LEVEL_FRAMES, _FORMANT_FRAMES = 4, 10
-_PULSE, _PULSE_HEIGHT = 0.001, 0.7
+# Seconds, at most this part of a frame; part of full scale.
+_PULSE, _PULSE_SHARE, _PULSE_HEIGHT = 0.001, 0.25, 0.7
 
 
 class _Sound(Rule):
@@ -60,6 +63,7 @@ class SpeechSound(Strict):
     voice: _Voice
 
 
+@cache
 def load_speech_sound() -> SpeechSound:
     """Read the shipped table."""
     return load_table("speech_sound.toml", SpeechSound)
@@ -135,7 +139,7 @@ def sync_pulses(times: FloatArray, samples: int, rate: float = RATE) -> FloatArr
         Samples a second.
     """
     channel = np.zeros(samples)
-    width = round(_PULSE * rate)
+    width = max(1, round(min(_PULSE, _PULSE_SHARE * float(np.median(np.diff(times)))) * rate))
     for start in pulse_samples(times, rate):
         channel[max(start, 0) : max(start + width, 0)] = _PULSE_HEIGHT
     return channel

@@ -18,8 +18,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
 from mocap_fit.errors import ConfigurationError, first_fault
 from mocap_fit.phones import FEATURE_NAMES, Phone
 
-# Vowels that are as long as those with a mark of length, in sets that write none.
-_TENSE = frozenset(["i", "u", "ɑ", "ɔ", "ɝ"])
+# Long vowels of ARPAbet, whose IPA here has no mark of length.
+_LONG = frozenset(["IY", "UW", "AA", "AO", "ER"])
 _MARKS = str.maketrans("", "", "ːˑ\u032f\u0361\u035c")
 _OTHER_TRAITS = (
     "vowel",
@@ -64,7 +64,7 @@ def traits(phone: Phone) -> dict[str, float]:
         "sibilant": float(hissing or (values["fricative"] == 1 and values["stop"] > 0)),
         "coronal": coronal,
         "palatal": float(values["velar"] == 0.5),
-        "long": float(vowel and ("ː" in phone.ipa[0] or sound in _TENSE if phone.ipa else False)),
+        "long": float(vowel and ("ː" in "".join(phone.ipa[:1]) or phone.symbol in _LONG)),
         "diphthong": float(vowel and len(letters) > 1),
         "neutral_vowel": float(sound in ("ə", "ɨ", "ɐ")),
         "liquid": float(consonant and not obstruent and values["voiced"] == 1),

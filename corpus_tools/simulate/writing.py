@@ -16,6 +16,7 @@ from corpus_tools.simulate.session import Conditions, Session, Simulation
 from mocap_fit.errors import ConfigurationError, MocapFitError
 from mocap_fit.face import load_face
 from mocap_fit.fitting import load_layout
+from mocap_fit.fitting.layout import shipped_layouts
 from mocap_fit.io import write_qualisys_tsv
 from mocap_fit.io.labels import Label, Labels, Tier, write_labels
 from mocap_fit.phones import PhoneSequence, PhoneSet
@@ -28,6 +29,7 @@ DurationSource = Literal["model", "espeak"]
 DURATIONS: tuple[DurationSource, ...] = ("model", "espeak")
 
 SPEAKER, SESSION = "speaker", "1"
+_LAYOUT = "layout.toml"
 # Of 287 sentences, 87 are for the test, as in Beskow section 3.
 _TEST, _OF = 87, 287
 # Seconds of sound before the first frame and after the last.
@@ -116,6 +118,10 @@ def run(
     if takes is not None:
         _write(out / "truth" / "sync.json", console.json_text(clocks) + "\n")
         _write(out / "sentences.tsv", takes.table(names))
+        if layout not in shipped_layouts():
+            # A manifest names files under its root alone.
+            _write(out / _LAYOUT, Path(layout).read_text(encoding="utf-8"))
+            layout = _LAYOUT
         _write(out / "manifest.toml", takes.manifest(layout))
     return Status.DONE
 
@@ -133,6 +139,12 @@ class _Takes:
         from corpus_tools.simulate.sentences import load_language
 
         self.session, self.spoken = session, spoken
+        self.step = {
+            "seed": seed,
+            "language": spoken.language,
+            "durations": spoken.durations,
+            "drift_ppm": spoken.drift,
+        }
         self.language = load_language(spoken.language)
         self.sentences = self.language.sentences(
             utterances, np.random.default_rng([seed, _SENTENCES])
@@ -166,7 +178,7 @@ class _Takes:
             self.articulator.say(phones, times, face),
             start_time=before,
             name=name,
-        )
+        ).with_step("simulate", self.step)
         pulses = sync_pulses(times, len(speech), speech.rate)
         both = Sound(np.stack([speech.channel(1), pulses], axis=1), speech.rate)
         write_sound(both, out / "sound" / f"{name}.wav")
