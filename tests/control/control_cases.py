@@ -34,8 +34,8 @@ SENTENCES = (
 
 # Small forms of models whose own size would take long: what `create` is told for these tests.
 SETTINGS: dict[str, dict] = {
-    "ann": {"hidden_units": (6, 6, 4, 4), "epochs": 4},
-    "ann-low-latency": {"hidden_units": (6, 6, 4, 4), "epochs": 4},
+    "ann": {"hidden_units": 6, "epochs": 4},
+    "ann-low-latency": {"hidden_units": 6, "epochs": 4},
     "cohen-massaro": {"iterations": 3},
     "ridge": {"context": 2},
     "lab-levels": {"factor": 0.9},

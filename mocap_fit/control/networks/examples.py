@@ -101,9 +101,27 @@ def inner_targets(tracks: ParameterTracks, start_time: float) -> FloatArray:
 
 
 def example(
-    utterance: Utterance, corpus: Corpus, behind: int, ahead: int, stress: bool = True
+    utterance: Utterance,
+    corpus: Corpus,
+    behind: int,
+    ahead: int,
+    stress: bool = True,
+    after: int = 0,
 ) -> Example:
     """An utterance of a corpus at the inner rate.
+
+    Parameters
+    ----------
+    utterance
+        One of the corpus.
+    corpus
+        What it is of.
+    behind, ahead
+        Frames of context.
+    stress
+        Whether stress is told.
+    after
+        Frames without targets that follow it.
 
     Raises
     ------
@@ -114,6 +132,7 @@ def example(
     if not len(phones):
         raise DataError(f"the utterance '{utterance.id}' has no phones")
     targets = inner_targets(utterance.tracks, phones[0].start - lead(ahead) / INNER_RATE)
+    targets = np.concatenate([targets, np.full((after, targets.shape[1]), np.nan)])
     inputs = utterance_inputs(phones, corpus.phone_set, len(targets), behind, ahead, stress)
     return Example(inputs.astype(np.float32), targets)
 

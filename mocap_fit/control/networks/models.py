@@ -62,8 +62,8 @@ class SymmetricNetworks(ControlModel):
         By name of a network, the parameters that it predicts. Where not given, those of Table 1
         for its ten parameters, and one network named ``all`` for others.
     hidden_units
-        Of the networks, in the order of the groups. Where not given, those of Table 1: 50, or 30
-        for a network with fewer than three parameters.
+        Of the networks, in the order of the groups, or one number for all. Where not given, those
+        of Table 1: 50, or 30 for a network with fewer than three parameters.
     frames_behind, frames_ahead
         Context before and after a frame, in frames of 1/60 s.
     delays
@@ -89,7 +89,7 @@ class SymmetricNetworks(ControlModel):
     """
 
     groups: Mapping[str, Sequence[str]] | None = None
-    hidden_units: tuple[int, ...] | None = None
+    hidden_units: int | tuple[int, ...] | None = None
     frames_behind: int = 15
     frames_ahead: int = 15
     delays: int = 5
@@ -131,6 +131,8 @@ class SymmetricNetworks(ControlModel):
         hidden = self.hidden_units
         if hidden is None:
             hidden = tuple(_LARGE if len(g) > 2 else _SMALL for g in groups.values())
+        elif isinstance(hidden, int):
+            hidden = (hidden,) * len(groups)
         if len(hidden) != len(groups) or not all(isinstance(h, int) and h > 0 for h in hidden):
             raise ConfigurationError(
                 f"the hidden units of the model '{self.name}' do not go with its groups",
@@ -166,7 +168,26 @@ class SymmetricNetworks(ControlModel):
         """How far beyond a frame phones must be known, seconds; exact at every rate."""
         return self.frames_ahead / INNER_RATE
 
-    def _check(self) -> None:
+    @property
+    def plan(self) -> Plan:
+        """How it trains."""
+        return Plan(
+            self.epochs,
+            self.patience,
+            self.batch_size,
+            self.learning_rate,
+            self.averaging,
+            self.seed,
+        )
+
+    def check(self) -> None:
+        """See that the settings are possible.
+
+        Raises
+        ------
+        ConfigurationError
+            If one is not.
+        """
         check_settings(
             self,
             frames_behind=0,
@@ -200,21 +221,13 @@ class SymmetricNetworks(ControlModel):
         progress: Progress,
         checkpoint: Path | None,
     ) -> None:
-        self._check()
+        self.check()
         check_phone_set(corpus, self.phone_set)
         networks = self.networks
         context = self.frames_behind, self.frames_ahead
         data = examples(corpus, *context, self.stress)
         held_out = () if validation is None else examples(validation, *context, self.stress)
-        plan = Plan(
-            self.epochs,
-            self.patience,
-            self.batch_size,
-            self.learning_rate,
-            self.averaging,
-            self.seed,
-        )
-        training = Training(networks, plan, self.delays, data, held_out, scale_of(data))
+        training = Training(networks, self.plan, self.delays, data, held_out, scale_of(data))
         training.run(progress, checkpoint)
         self.log_ = tuple(training.log[: training.resumed])
         self._take(training.found())
@@ -266,7 +279,7 @@ class SymmetricNetworks(ControlModel):
     def _restore(
         self, values: Mapping[str, Any], arrays: Mapping[str, np.ndarray[Any, Any]]
     ) -> None:
-        self._check()
+        self.check()
         weights = []
         for i, network in enumerate(self.networks):
             outputs = len(network.columns)
