@@ -35,11 +35,14 @@ _FROM_BELOW = np.array([0.235, 0.205, 0.19], dtype=np.float32)
 _WRAP = np.array([0.22, 0.10, 0.07], dtype=np.float32)
 # Lights that shine on wet lips, teeth and eyes.
 _SHINING = 2
+# The chin's shadow on the throat: how dark, and how far it reaches to the sides, down, back (mm).
+_SHADOW = 0.34
+_SHADOW_SIZE = np.array([44.0, 40.0, 60.0], dtype=np.float32)
 _INSIDE_PARTS = ("teeth_upper", "teeth_lower", "gums_upper", "gums_lower", "tongue")
 _INSIDE_REGIONS = ("mouth_bag_upper", "mouth_bag_lower", "mouth_floor", "mouth_roof")
 # Share of light that reaches even the back of a closed mouth; teeth are lighter, to be read.
-_LEAST_LIGHT = 0.16
-_LEAST_LIGHT_ON_TEETH = 0.55
+_LEAST_LIGHT = 0.2
+_LEAST_LIGHT_ON_TEETH = 0.72
 
 
 class Lighting:
@@ -57,6 +60,12 @@ class Lighting:
         self._albedo, self._specular, self._power = _looks(mesh)
         self._wrapped = np.flatnonzero(_is_skin(mesh))
         self._mouth = _Mouth(mesh)
+        self._chin = mesh.feature_points.get("2.1")
+        self._below = np.zeros(0, dtype=np.int64)
+        if self._chin is not None:
+            # As far as an opening jaw can move it.
+            height = mesh.vertices[:, 1] < mesh.vertices[self._chin, 1] + 12.0
+            self._below = np.flatnonzero(height & _is_skin(mesh))
         directions = np.array([direction for direction, _, _ in _LIGHTS], dtype=np.float32)
         self._directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
         self._strengths = np.array(
@@ -90,7 +99,7 @@ class Lighting:
         half = 0.5 + 0.5 * normals[:, 1:2]
         light += half * _FROM_ABOVE + (1.0 - half) * _FROM_BELOW
         shine = self._shine(places, normals, facing, np.asarray(camera, dtype=np.float32))
-        reaching = self._mouth.light(vertices)
+        reaching = self._mouth.light(vertices) * self._under_chin(places)
         seen = (self._albedo * light + shine[:, None]) * reaching[:, None]
         return np.asarray(np.clip(255.0 * seen + 0.5, 0.0, 255.0).astype(np.uint8))
 
@@ -103,6 +112,18 @@ class Lighting:
         normals = np.asarray(self._around @ across)
         lengths = np.sqrt(np.einsum("ij,ij->i", normals, normals))
         return np.asarray(normals / np.where(lengths > 0, lengths, 1.0)[:, None])
+
+    def _under_chin(self, places: Single) -> Single:
+        """The share of light that the chin leaves to the throat below it, `(vertices,)`."""
+        light = np.ones(len(places), dtype=np.float32)
+        if self._chin is None:
+            return light
+        chin = places[self._chin]
+        away = places[self._below] - (chin - np.array([0.0, 16.0, 30.0], dtype=np.float32))
+        near = np.exp(-np.einsum("ij,ij,j->i", away, away, _SHADOW_SIZE**-2.0))
+        under = np.clip((chin[1] + 3.0 - places[self._below, 1]) / 14.0, 0.0, 1.0)
+        light[self._below] -= _SHADOW * near * under
+        return light
 
     def _shine(self, places: Single, normals: Single, facing: Single, camera: Single) -> Single:
         """Blinn's highlights of the strongest lights."""
