@@ -238,25 +238,20 @@ def difference_table(result: Evaluation) -> tuple[list[str], list[list[str]]]:
 
 
 def _show(result: Evaluation, written: Sequence[Path]) -> None:
-    from rich import box
-    from rich.table import Table
-
     screen = console.screen()
-    header, rows = score_table(result)
-    # The terminal gets the first group whole and the others' averages on the page.
-    kept = [0, 1, 2, 3, *([len(header) - 1] if result.closed else [])]
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False)
-    for i in kept:
-        table.add_column(
-            header[i].replace(", all but silence", ""), justify="right" if i else "left"
-        )
-    for row in rows:
-        table.add_row(*(row[i] for i in kept))
     screen.print(
         f"{result.utterances} utterances, {result.frames[0]} frames of speech; all but silence, "
-        "average over the parameters, 95 % intervals over utterances:"
+        "average over the parameters, 95 % intervals over utterances:\n"
     )
-    screen.print(table)
+    screen.print(console.table(*short_table(result)), "")
     screen.print("Written:")
     for path in written:
         screen.print(f"  {path}", soft_wrap=True)
+
+
+def short_table(result: Evaluation) -> tuple[list[str], list[list[str]]]:
+    """The part of `score_table` that fits into a terminal: all but silence."""
+    header, rows = score_table(result)
+    kept = [0, 2, 3, *([len(header) - 1] if result.closed else [])]
+    short = [header[i].replace(", all but silence", "") for i in kept]
+    return short, [[row[i] for i in kept] for row in rows]
