@@ -94,7 +94,7 @@ def demo(
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same numbers.")] = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Simulate recordings, fit them, compare with the truth, draw figures."""
+    """The whole path on recordings that it makes itself: fit, train, score, talk."""
     from corpus_tools import demo as command
 
     raise typer.Exit(command.run(out, seed=seed, as_json=as_json))

@@ -23,7 +23,7 @@ from corpus_tools.demo.fitting import (
 from corpus_tools.demo.talking import EPOCHS, MOVIE, SENTENCES, TalkPart, talk_part
 from mocap_fit.errors import ConfigurationError, MissingExtraError, MocapFitWarning
 
-__all__ = ["CONDITIONS", "run"]
+__all__ = ["CONDITIONS", "MOVIE", "run"]
 
 _README, _PAGE = "README.txt", "index.html"
 _FIRST_LINE = "Made by `mocap-fit demo`, and replaced when it runs again into this folder."
