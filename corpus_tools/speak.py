@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from corpus_tools import console, speak_models, spread
 from corpus_tools.console import Status
@@ -16,6 +16,9 @@ from mocap_fit.face.rig import Rig
 from mocap_fit.phones import PhoneSequence, PhoneSet, load_phone_set, phone_set_names
 from mocap_fit.sound import Sound, read_sound
 from mocap_fit.tracks import MarkerTracks, ParameterTracks
+
+if TYPE_CHECKING:
+    from mocap_fit.evaluation import Evaluation
 
 DEFAULT_MODEL = "cohen-massaro"
 MEASURED = "measured"
@@ -181,6 +184,8 @@ def prepare(
     names: Sequence[str],
     *,
     fresh: bool = False,
+    check: bool = False,
+    utterances: int = speak_models.UTTERANCES,
     as_json: bool = False,
 ) -> Status:
     """Train and keep the models of all kinds for some languages.
@@ -193,6 +198,10 @@ def prepare(
         Kinds of models; all that learn something where none are given.
     fresh
         Train also those that are kept already.
+    check
+        Score them on the test sentences: error, and on how many of p, b and m the lips close.
+    utterances
+        As for `speak_models.prepared`; `speak` takes what was made with the default.
     as_json
         Print what is kept as JSON.
 
@@ -203,12 +212,23 @@ def prepare(
     """
     from mocap_fit import control
 
-    rows = []
-    corpora: dict[str, Any] = {}
+    rows: list[dict[str, Any]] = []
     for language in languages or speak_models.languages():
+        corpora: dict[str, Any] = {}
+        models: dict[str, ControlModel] = {}
         for name in names or [n for n in control.names() if n != speak_models.RULE_BASED]:
-            model = speak_models.prepared(name, language, fresh=fresh, corpora=corpora)
-            kept = speak_models.cached_file(name, language)
+            models[name] = speak_models.prepared(
+                name, language, fresh=fresh, utterances=utterances, corpora=corpora
+            )
+            if not as_json:
+                said = speak_models.described(models[name])
+                console.screen().print(f"{language}: {said}", soft_wrap=True)
+        scores: dict[str, dict[str, float]] = {}
+        if check:
+            corpus = corpora.get(language) or speak_models.simulated_corpus(language, utterances)
+            scores = _scores(speak_models.scored(corpus, models), language, quiet=as_json)
+        for name, model in models.items():
+            kept = speak_models.cached_file(name, language, utterances)
             rows.append(
                 {
                     "model": name,
@@ -216,16 +236,35 @@ def prepare(
                     "file": kept if kept.is_file() else None,
                     "free_parameters": model.parameter_count,
                     "trained_on": model.trained_on_,
+                    **scores.get(name, {}),
                 }
             )
-            if not as_json:
-                console.screen().print(f"{language}: {speak_models.described(model)}")
-        corpora.pop(language, None)
+        if speak_models.RULE_BASED in scores:
+            own = {"model": speak_models.RULE_BASED, "language": language}
+            rows.append(own | scores[speak_models.RULE_BASED])
     if as_json:
         console.print_json({"models": rows, "folder": speak_models.folder()})
-    elif rows:
+    else:
         console.screen().print(f"Kept in {speak_models.folder()}", soft_wrap=True)
     return Status.DONE
+
+
+def _scores(result: Evaluation, language: str, *, quiet: bool) -> dict[str, dict[str, float]]:
+    averages = result.averages("rmse")[0][:, 0]
+    found = {
+        name: {"rmse_percent": float(average), "bilabials_closed": result.closed[name]}
+        for name, average in zip(result.models, averages, strict=True)
+    }
+    if not quiet:
+        screen = console.screen()
+        for name, score in found.items():
+            screen.print(
+                f"{language}: {name}: error {score['rmse_percent']:.1f} % of the range, lips close "
+                f"on {100 * score['bilabials_closed']:.1f} % of {result.bilabials} p, b, m "
+                f"in {result.utterances} test sentences",
+                soft_wrap=True,
+            )
+    return found
 
 
 def _said(source: Source, models: list[str], rig: Rig, nearest: bool) -> _Said:

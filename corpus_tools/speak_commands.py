@@ -83,6 +83,10 @@ def speak(
     fresh: Annotated[
         bool, typer.Option("--fresh", help="With --prepare: train what is kept already, too.")
     ] = False,
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="With --prepare: score them on simulated test sentences."),
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Let a talking head say a text, labelled phones, or what was measured.
@@ -94,7 +98,9 @@ def speak(
 
     if prepare:
         wanted = [language] if language else []
-        raise typer.Exit(command.prepare(wanted, model or (), fresh=fresh, as_json=as_json))
+        raise typer.Exit(
+            command.prepare(wanted, model or (), fresh=fresh, check=check, as_json=as_json)
+        )
     if (text is None) + (labels is None) + (tracks is None) == 3:
         raise typer.BadParameter("give a TEXT, --labels, or --tracks", param_hint="TEXT")
     if text is not None and (labels is not None or tracks is not None):

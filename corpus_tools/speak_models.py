@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from mocap_fit.errors import ConfigurationError, FileFormatError
 from mocap_fit.face.builtin.cache import cache_folder
 from mocap_fit.phones import PhoneSet
 from mocap_fit.tracks import ParameterTracks
+
+if TYPE_CHECKING:
+    from mocap_fit.evaluation import Evaluation
 
 RULE_BASED = "rule-based"
 UTTERANCES = 287
@@ -162,6 +165,25 @@ def prepared(
     if not settings:
         _keep(made, path)
     return made
+
+
+def scored(corpus: Corpus, models: Mapping[str, ControlModel]) -> Evaluation:
+    """Score models on the test sentences of a simulated corpus, and the rule-based one with them.
+
+    Parameters
+    ----------
+    corpus
+        From `simulated_corpus`.
+    models
+        Trained on it, by name.
+    """
+    from mocap_fit.control.rule_based import RuleBased
+    from mocap_fit.evaluation import evaluate
+
+    rules = RuleBased().ready(corpus.phone_set, corpus.parameter_names)
+    test = corpus.split("test")
+    with console.progress("scoring sentences", len(test)) as advance:
+        return evaluate(test, {RULE_BASED: rules, **models}, resamples=200, progress=advance)
 
 
 def model_for(

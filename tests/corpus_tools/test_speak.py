@@ -262,17 +262,23 @@ class TestModels:
         assert "made again" in capsys.readouterr().err
         assert len(kept.read_bytes()) > 100
 
-    def test_one_command_prepares_them(self, cache, capsys, monkeypatch):
-        monkeypatch.setattr(
-            speak_models.prepared,
-            "__kwdefaults__",
-            {**speak_models.prepared.__kwdefaults__, "utterances": 4},
-        )
-        call = ["speak", "--prepare", "--lang", "sv", "--model", "mean", "--model", "phone-mean"]
-        assert run(*call, "--json") == 0
-        rows = json.loads(capsys.readouterr().out)["models"]
-        assert [row["model"] for row in rows] == ["mean", "phone-mean"]
-        assert all(row["trained_on"]["corpus"] == "simulated-sv" for row in rows)
+    def test_one_command_prepares_them(self, cache, capsys):
+        assert speak.prepare(["sv"], ["mean"], utterances=6, check=True, as_json=True) == 0
+        report = json.loads(capsys.readouterr().out)
+        assert report["folder"] == str(cache / "models")
+        assert [row["model"] for row in report["models"]] == ["mean", "rule-based"]
+        assert report["models"][0]["trained_on"]["corpus"] == "simulated-sv"
+        for row in report["models"]:
+            assert 0 < row["rmse_percent"] < 60
+            assert 0 <= row["bilabials_closed"] <= 1
+        assert speak.prepare(["sv"], ["mean"], utterances=6) == 0
+        assert "trained on" in capsys.readouterr().out
+
+    def test_an_unknown_language_or_model_cannot_be_prepared(self, cache, capsys):
+        assert run("speak", "--prepare", "--lang", "xx", "--model", "mean") == 1
+        assert "'xx'" in one_line(capsys)
+        assert run("speak", "--prepare", "--lang", "sv", "--model", "nonsense") == 1
+        assert "nonsense" in one_line(capsys)
 
     def test_the_name_of_a_kept_model_depends_on_kind_language_and_size(self):
         names = {
