@@ -23,13 +23,14 @@ from mocap_fit.phones import PhoneSegment, PhoneSequence, PhoneSet
 from mocap_fit.tracks import FloatArray
 
 # Steps a second of the simulation, and how long a gesture takes to be all there or all gone.
-_RATE = 400.0
+_RATE = 300.0
 _RAMP = 0.03
 # Seconds.
 _AT_ENDS = 1.0
 # The second target of a diphthong is on its way this long before its time.
 _GLIDE_LEAD = 0.03
-_SLOW = 0.6
+# Hertz: the wandering is slower than this, and made at that rate.
+_SLOW, _SLOW_RATE = 0.6, 15.0
 _LEFT, _RIGHT, _SHIFT = "left_corner_stretch", "right_corner_stretch", "jaw_shift"
 
 Sum = float | dict[str, float]
@@ -227,9 +228,12 @@ class Articulator:
                 lips[part] += pull[:, None] * [distance, share]
                 for i, name in enumerate(("upper_lip_raise", "lower_lip_depression")):
                     stiff[part, names.index(name)] += pull * both[i] * stiffness
+        coarse = np.arange(clock[0], clock[-1] + 1.0 / _SLOW_RATE, 1.0 / _SLOW_RATE)
         slow = np.stack(
             [
-                wandering(rng, steps, _RATE, _SLOW, -extent, extent)
+                np.interp(
+                    clock, coarse, wandering(rng, len(coarse), _SLOW_RATE, _SLOW, -extent, extent)
+                )
                 for extent in (varies.jaw_shift if n == _SHIFT else varies.slow for n in names)
             ],
             axis=1,
