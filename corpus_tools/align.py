@@ -43,7 +43,8 @@ def transcripts(wavs: Sequence[Path], text: Path | None) -> dict[Path, str]:
             found=", ".join(twice),
             advice="Rename one, or align them into two folders.",
         )
-    if text is not None and text.is_file():
+    # A pipe is no file, and has a text all the same.
+    if text is not None and text.exists() and not text.is_dir():
         content = label_text(text)
         if len(wavs) == 1 and "\t" not in content:
             return {wavs[0]: content}

@@ -287,6 +287,15 @@ def one_file(root: Path, pattern: str) -> Path | None:
     return found[0] if found else None
 
 
+def recorded(manifest: Manifest, root: Path) -> tuple[str, ...]:
+    """Names of the recordings that are there, in order; one that matches twice is there twice."""
+    before, after = manifest.recordings.pattern.split("{id}")
+    form = re.compile(re.escape(before) + "([^/]+?)" + re.escape(after).replace(r"\*", "[^/]*"))
+    files = (p.relative_to(root).as_posix() for p in root.glob(f"{before}*{after}"))
+    matches = (form.fullmatch(file) for file in sorted(files))
+    return tuple(match[1] for match in matches if match)
+
+
 def entries(
     manifest: Manifest, root: Path, former: Mapping[str, str] | None = None
 ) -> tuple[Entry, ...]:
@@ -309,11 +318,7 @@ def entries(
     if table.is_file():
         rows = _rows(table)
     else:
-        before, after = manifest.recordings.pattern.split("{id}")
-        form = re.compile(re.escape(before) + "([^/]+?)" + re.escape(after).replace(r"\*", "[^/]*"))
-        files = (p.relative_to(root).as_posix() for p in root.glob(f"{before}*{after}"))
-        matches = (form.fullmatch(file) for file in sorted(files))
-        rows = [(0, {"utterance": match[1]}) for match in matches if match]
+        rows = [(0, {"utterance": name}) for name in recorded(manifest, root)]
     if not rows:
         raise ConfigurationError(
             "there are no utterances", path=root, expected=manifest.recordings.pattern

@@ -23,7 +23,7 @@ from corpus_tools.convert.utterance import (
     make_folders,
     write_sent,
 )
-from corpus_tools.manifest import Manifest, entries, load_manifest
+from corpus_tools.manifest import Manifest, entries, load_manifest, recorded
 from mocap_fit.errors import ConfigurationError, MocapFitError
 from mocap_fit.phones import phone_set_names
 
@@ -91,7 +91,8 @@ def run(
         make_folders(out)
         outcomes = dict(_convert_all(plan, Task(plan.settings, base, out), jobs, cluster))
         told = {**{name: Outcome({}, line) for name, line in plan.refused.items()}, **outcomes}
-        for line in lines_of(told):
+        left = sorted(set(recorded(said, base)) - {entry.id for entry in found})
+        for line in lines_of(told, left):
             console.say(line)
         removed = finish(plan, told, out)
     figures = {"out": str(out), "removed": removed, "seconds": time.perf_counter() - began}
@@ -166,12 +167,12 @@ def _on_cluster(
             try:
                 inputs = task.settings.inputs(job, file_sums(task.root, job))
                 known = None if task.settings.fresh else kept(task.out, job, inputs)
+                if known is not None:
+                    here[index] = Outcome(known)
+                    continue
                 contents = {path: (task.root / path).read_bytes() for path in job.files}
             except OSError as error:
                 here[index] = Outcome({}, console.describe_error(error))
-                continue
-            if known is not None:
-                here[index] = Outcome(known)
                 continue
             places.append(index)
             yield job, inputs, contents

@@ -48,12 +48,35 @@ def open_folder(out: Path) -> Iterator[None]:
         )
     if _OURS not in there:
         (out / _OURS).write_bytes(b"")
-    _remove_partial(out)
-    try:
-        yield
-    finally:
-        # A process that is ended in the middle of writing leaves its part behind.
+    with _alone(out):
         _remove_partial(out)
+        try:
+            yield
+        finally:
+            # A process that is ended in the middle of writing leaves its part behind.
+            _remove_partial(out)
+
+
+@contextlib.contextmanager
+def _alone(out: Path) -> Iterator[None]:
+    """Let no other conversion into the folder; the system lets go when a process is killed."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    with open(out / _OURS, "rb") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ConfigurationError(
+                "another conversion is at work in this folder",
+                path=out,
+                advice="Wait for it to end, or end it.",
+            ) from None
+        except OSError:  # A disk that cannot lock.
+            pass
+        yield
 
 
 def _remove_partial(out: Path) -> None:

@@ -28,8 +28,10 @@ _FIGURES = (
 )
 
 
-def lines_of(outcomes: Mapping[str, Outcome]) -> list[str]:
+def lines_of(outcomes: Mapping[str, Outcome], left: Sequence[str] = ()) -> list[str]:
     """What is said on stderr: every bad utterance once, with why, and what was warned about.
+
+    `left` are recordings that are in no row of the table of sentences.
 
     What is wrong with many for the same reason, such as a missing reference pose, is one line;
     symbols that are not in the phone set are one list for all.
@@ -43,6 +45,10 @@ def lines_of(outcomes: Mapping[str, Outcome]) -> list[str]:
             reasons.setdefault(outcome.error, []).append(name)
     for reason, names in reasons.items():
         lines.append(f"error: {_some(names)}: {reason}")
+    if left:
+        lines.append(
+            f"warning: {len(left)} recordings are not in the table of sentences: {_some(left)}"
+        )
     unknown = [phone for name in sorted(outcomes) for phone in outcomes[name].unknown]
     if unknown:
         bad = [name for name in sorted(outcomes) if outcomes[name].unknown]

@@ -298,13 +298,6 @@ def _converted(
             result = speaker.fit_still(
                 still, settings.options, lambda frames: told(frames, still.frames)
             )
-        if sync["is_estimate"]:
-            warnings.warn(
-                f"the start time {sync['start_time']:.3f} s is an estimate (correlation "
-                f"{sync['correlation']:.2f}), not a measurement",
-                MocapFitWarning,
-                stacklevel=1,
-            )
     fitted = np.isfinite(result.parameters.residuals)
     if not fitted.any():
         raise DataError("no frame could be fitted", path=job.recording)
@@ -333,7 +326,7 @@ def _converted(
             "head_residual_mm": float(np.nanmedian(motion.residuals)),
             "sync": sync,
             "sources": list(job.files),
-            "checks": list(checks),
+            "checks": [*_noted(sync, recording.frames), *checks],
         }
         if audio is not None:
             figures["audio"] = audio
@@ -415,6 +408,21 @@ def _synchronised(
     except DataError as error:
         raise console.located(error, job.sound or job.recording) from None
     return recording, found.to_dict()
+
+
+def _noted(sync: Mapping[str, Any], frames: int) -> list[str]:
+    """What a user should know of the clocks."""
+    notes = []
+    if sync["is_estimate"]:
+        notes.append(
+            f"the start time {sync['start_time']:.3f} s is an estimate (correlation "
+            f"{sync['correlation']:.2f}), not a measurement"
+        )
+    if sync.get("missing"):
+        notes.append(f"{sync['missing']} of {frames} sync pulses are missing")
+    if sync.get("extra"):
+        notes.append(f"{sync['extra']} pulses besides the sync pulses")
+    return notes
 
 
 def _speech(settings: Settings, sound: Sound | None) -> Sound | None:

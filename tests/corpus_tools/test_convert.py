@@ -170,6 +170,24 @@ class TestWhatIsWritten:
         assert not re.search(r"20\d\d-|\b1[78]\d{8}\b|/tmp", json.dumps(said))
 
 
+def test_missing_and_doubled_pulses_are_noted(own):
+    lab, corpus = own
+    path = lab / "sound" / "sim002.wav"
+    whole = read_sound(path)
+    samples = np.array(whole.samples)
+    rises = np.flatnonzero(np.diff(samples[:, 1] > 0.5 * samples[:, 1].max()) == 1)[::2]
+    samples[rises[20] - 5 : rises[20] + 100, 1] = 0
+    pulse = samples[rises[30] - 2 : rises[30] + 60, 1].copy()
+    samples[rises[30] + 250 : rises[30] + 250 + len(pulse), 1] = pulse
+    write_sound(whole.replace(samples=samples), path)
+    before = open_corpus(corpus)["sim002"].tracks
+    assert convert(lab, corpus) == 0
+    after = open_corpus(corpus)["sim002"]
+    assert any("1 of" in line and "pulses are missing" in line for line in after.checks)
+    assert any(line.startswith("1 pulses besides") for line in after.checks)
+    assert after.tracks.start_time == pytest.approx(before.start_time, abs=1e-4)
+
+
 class TestAgain:
     def test_nothing_is_done_twice(self, own, capsys):
         lab, corpus = own
@@ -258,6 +276,24 @@ class TestAgain:
         assert report(capsys)["removed"] == ["sim002"]
         assert [u.id for u in open_corpus(corpus)] == ["sim001", "sim003"]
         assert not [name for name in sums(corpus) if "sim002" in name or "partial" in name]
+
+    def test_a_recording_in_no_row_of_the_table_is_told(self, own, capsys):
+        lab, corpus = own
+        shutil.copy(lab / "recordings" / "sim002.tsv", lab / "recordings" / "sim099.tsv")
+        assert convert(lab, corpus) == 0
+        assert "1 recordings are not in the table of sentences: sim099" in capsys.readouterr().err
+        assert len(open_corpus(corpus)) == 3
+
+    @pytest.mark.skipif(os.name != "posix", reason="locks of POSIX")
+    def test_two_conversions_do_not_meet_in_one_folder(self, own, capsys):
+        import fcntl
+
+        lab, corpus = own
+        with open(corpus / ".mocap-fit-corpus", "rb") as stream:
+            fcntl.flock(stream, fcntl.LOCK_EX)
+            assert convert(lab, corpus) == 1
+        assert "another conversion is at work" in capsys.readouterr().err
+        assert convert(lab, corpus) == 0
 
     def test_recordings_of_ones_own_are_never_removed(self, lab, tmp_path, capsys):
         (tmp_path / "audio").mkdir()
@@ -374,7 +410,6 @@ class TestHow:
         out = lab.parent / "out"
         assert convert(lab, out) == 0
         shown = capsys.readouterr()
-        assert "is an estimate" in shown.err
         assert "3 ESTIMATED" in shown.out
         for utterance in open_corpus(out):
             assert any("is an estimate" in line for line in utterance.checks)

@@ -164,6 +164,15 @@ def test_a_bad_utterance_is_named_and_left_out(kind, own, capsys):
     assert not list(corpus.rglob("*sim002*"))
 
 
+def test_labels_after_the_end_of_a_sound_without_pulses(own, capsys):
+    lab, corpus = own
+    edited(lab / "manifest.toml", '"pulses"', '"none"')
+    shorter_sound(lab)
+    assert convert(lab, corpus) == 1
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if "error: " in line]
+    assert re.search(r"sim002.* labels are outside the sound \(sound/sim002.wav\)", line)
+
+
 def test_a_table_without_a_rate_has_the_manifests(own, capsys):
     lab, corpus = own
     tracks = read_tracks(recording(lab))
