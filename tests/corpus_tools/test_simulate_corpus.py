@@ -140,10 +140,10 @@ def test_face_and_sound_agree_with_the_labels(corpus):
 
 
 def test_the_same_seed_gives_the_same_bytes(corpora, tmp_path):
-    for lang, path in corpora.items():
-        assert hashes(simulated(tmp_path / lang, "--lang", lang)) == hashes(path)
+    assert hashes(simulated(tmp_path / "again", "--lang", "cs")) == hashes(corpora["cs"])
 
 
+@pytest.mark.slow
 def test_espeak_says_the_same_again(spoken_by_espeak, tmp_path):
     again = simulated(tmp_path / "again", "--lang", "en", "--durations", "espeak")
     assert hashes(again) == hashes(spoken_by_espeak)
