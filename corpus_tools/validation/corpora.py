@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import os
 import re
@@ -16,7 +17,7 @@ from corpus_tools.validation import geometry
 from corpus_tools.validation.findings import Finding, Place
 from corpus_tools.validation.parameters import check_closures
 from corpus_tools.validation.reading import FOLDERS, failed, read_utterance
-from corpus_tools.validation.subject import Context, Summary, check_subject
+from corpus_tools.validation.subject import Context, Subject, Summary, check_subject
 from corpus_tools.validation.tables import check_table, read_frame
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.corpus import DESCRIPTION_FILE, UTTERANCES_FILE, Corpus, Utterance, open_corpus
@@ -115,6 +116,7 @@ def check_utterance(opened: Opened, utterance: Utterance) -> tuple[list[Finding]
             )
         steps = limits.corpus.steps
         found += check_provenance(parameters.provenance, steps, place, limits)
+    found += _one_conversion(opened.folder, subject)
     table = Place(os.path.join(opened.shown, UTTERANCES_FILE), utterance.id, "checks")
     found += [Finding("MF514", table, remark) for remark in utterance.checks]
     more, summary = check_subject(subject, opened.context)
@@ -144,6 +146,40 @@ def check_provenance(
                 yield Finding(
                     "MF511", Place(place.file, place.utterance, step.name), path, "a relative path"
                 )
+
+
+def _one_conversion(folder: Path, subject: Subject) -> Iterator[Finding]:
+    """Find files of an utterance that were made from others, or changed since."""
+    name = subject.name
+    noted: dict[str, Mapping[str, Any]] = {}
+    for part, (_, ending, data) in FOLDERS.items():
+        if ending != "parquet" or data not in subject.files:
+            continue
+        described = read_description(folder / part / f"{name}.parquet") or {}
+        steps = described.get("provenance") or [{}]
+        if isinstance(steps[-1], dict) and steps[-1].get("step") == "convert":
+            noted[data] = steps[-1].get("arguments", {})
+    first = noted.get("parameters")
+    if first is None:
+        return
+    for data, arguments in noted.items():
+        if arguments.get("inputs") != first.get("inputs"):
+            yield Finding(
+                "MF504",
+                Place(subject.files[data], name, "inputs"),
+                f"the {data} were made from other files than the parameters",
+                "one conversion",
+            )
+    if "sound" in subject.files and "audio" in first:
+        with open(folder / "audio" / f"{name}.wav", "rb") as stream:
+            content = hashlib.file_digest(stream, "sha256").hexdigest()
+        if content != first["audio"]:
+            yield Finding(
+                "MF504",
+                Place(subject.files["sound"], name, "content"),
+                "the sound is not the one that was converted",
+                "a file that was not changed since",
+            )
 
 
 def _texts(value: Any) -> Iterator[str]:

@@ -104,13 +104,13 @@ def check_head(
         # The pose rests on all markers there; of these three the residual is their own.
         shape = shapes.typical_shape(positions)
         residuals = rigid_transforms(shape, positions)[2]
-    seen = recording.visible.any(axis=1)
-    unknown = np.isnan(residuals) & seen
-    if seen.any() and unknown.sum() > rigid.pose_unknown * seen.sum():
+    some = recording.visible.any(axis=1)
+    unknown = np.isnan(residuals) & some
+    if some.any() and unknown.sum() > rigid.pose_unknown * some.sum():
         yield Finding(
             "MF126",
             at(place, recording, "head", runs(unknown)[0]),
-            f"in {unknown.sum() / seen.sum():.0%} of the frames",
+            f"in {unknown.sum() / some.sum():.0%} of the frames",
             f"at most {rigid.pose_unknown:.0%}",
         )
     known = ~np.isnan(residuals)
@@ -124,8 +124,13 @@ def check_head(
     for column, marker in enumerate(head):
         off = still.off[:, column]
         slipped = off > rigid.slip_distance
-        longest = max(runs(slipped), key=lambda run: run.stop - run.start, default=slice(0, 0))
-        long = longest.stop - longest.start >= rigid.slip_time * recording.rate
+        # Frames that do not show it say nothing, and do not end a stretch.
+        seen = np.flatnonzero(recording.visible[:, marker] & known)
+        stretches = runs(np.asarray(slipped[seen]))
+        most = max(stretches, key=lambda run: run.stop - run.start, default=slice(0, 0))
+        shown = seen[most]
+        longest = slice(int(shown[0]), int(shown[-1]) + 1) if len(shown) else slice(0, 0)
+        long = most.stop - most.start >= rigid.slip_time * recording.rate
         if long or slipped.sum() > rigid.slip_share * max(1, known.sum()):
             yield Finding(
                 "MF125",

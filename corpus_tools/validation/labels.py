@@ -169,17 +169,17 @@ def _extent(tier: Tier, around: Around, place: Place, limits: Thresholds) -> Ite
     if not entries:
         return
     start, end = min(e.start for e in entries), max(e.end for e in entries)
-    recorded = around.recorded
-    reach = around.sound_end if around.sound_end is not None else recorded and recorded[1]
-    rules = limits.labels
+    recorded, rules = around.recorded, limits.labels
+    # Silence may be labelled after the last frame, but not after the sound, or what the file
+    # itself says that it covers.
+    reach, what = around.sound_end, "sound"
+    if reach is None:
+        reach, what = tier.end, "file, as it says itself,"
     beyond = [] if reach is None else [e for e in entries if e.end > reach + rules.end]
     if beyond:
-        what = "sound" if around.sound_end is not None else "recording"
         yield Finding(
             "MF204",
-            _at(
-                place, ", ".join(e.text or "(empty)" for e in beyond[:_SHOWN]), beyond[0].start, end
-            ),
+            _at(place, _listed(beyond), beyond[0].start, end),
             f"{len(beyond)} labels, until {end:.3f} s",
             f"the {what} ends at {reach:.3f} s",
         )
@@ -202,12 +202,7 @@ def _extent(tier: Tier, around: Around, place: Place, limits: Thresholds) -> Ite
     if outside:
         yield Finding(
             "MF212",
-            _at(
-                place,
-                ", ".join(e.text for e in outside[:_SHOWN]),
-                outside[0].start,
-                outside[-1].end,
-            ),
+            _at(place, _listed(outside), outside[0].start, outside[-1].end),
             f"{len(outside)} phones",
             f"frames from {recorded[0]:.3f} to {recorded[1]:.3f} s",
         )
@@ -220,6 +215,11 @@ def _extent(tier: Tier, around: Around, place: Place, limits: Thresholds) -> Ite
             f"{inside:.2f} of {whole:.2f} s are labelled",
             f"{rules.covered:.0%} or more",
         )
+
+
+def _listed(entries: Sequence[Label]) -> str:
+    texts = [entry.text or "(empty)" for entry in entries[:_SHOWN]]
+    return ", ".join(texts) + (" …" if len(entries) > _SHOWN else "")
 
 
 def _loud_silences(

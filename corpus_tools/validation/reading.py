@@ -5,6 +5,7 @@ What cannot be read is a finding, and the rest of the utterance is checked all t
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import warnings
 from collections.abc import Iterator, Sequence
@@ -126,7 +127,6 @@ def read_utterance(
                 found += _read_tracks(subject, utterance, path, kind, name, limits)
         except MocapFitError as error:
             found.append(failed(error, name, utterance.id))
-    # The file that is named for the whole is that of the parameters.
     return subject, found
 
 
@@ -384,6 +384,8 @@ def read_files(files: Files, phone_set: PhoneSet | None) -> tuple[list[Subject],
 
 def _phone_tier(subject: Subject, labels: Labels, phone_set: PhoneSet | None) -> Iterator[Finding]:
     try:
-        subject.tier = find_phone_tier(labels, phone_set)
+        tier = find_phone_tier(labels, phone_set)
+        end = labels.end if tier.end is None else tier.end
+        subject.tier = dataclasses.replace(tier, end=end)
     except DataError as error:
         yield failed(error, subject.files["labels"], subject.name).replace(code="MF210")

@@ -15,12 +15,22 @@ from mocap_fit.tracks import FloatArray
 from mocap_fit.tracks.gaps import runs
 
 _STEP = 0.01
+# Hertz.
+_BAND = (200.0, 4000.0)
 _TENTH = 0.1
 
 
 def loudness(sound: Sound) -> Loudness:
-    """Energy every hundredth of a second, over a fortieth."""
+    """Energy every hundredth of a second, over a fortieth, of the band that speech is in.
+
+    Rumble of a room or a car is below, and is no sign of speech.
+    """
+    from scipy.signal import butter, sosfilt
+
     samples = sound.samples.mean(axis=1)
+    if 0.45 * sound.rate > 2 * _BAND[0]:
+        band = (_BAND[0], min(_BAND[1], 0.45 * sound.rate))
+        samples = sosfilt(butter(2, band, "bandpass", fs=sound.rate, output="sos"), samples)
     half = max(1, round(0.0125 * sound.rate))
     sums = np.concatenate([[0.0], np.cumsum(samples**2)])
     centres = np.arange(0, len(samples), max(1, round(_STEP * sound.rate)))
