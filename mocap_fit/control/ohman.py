@@ -32,8 +32,8 @@ from mocap_fit.tracks import FloatArray
 
 # How large the coarticulation factor of a consonant is at the start.
 _FACTOR = 0.5
-# A consonant's target lies within so many ranges of the data; one with almost no influence could
-# be anywhere.
+# A target lies no farther from the mean of the data than so many times the farthest value; that of
+# a consonant with almost no influence could be anywhere.
 _WIDEST = 2.0
 
 
@@ -77,7 +77,7 @@ class Ohman(ControlModel):
     iterations: int = 30
     tolerance: float = 1e-4
     patience: int = 3
-    prior: float = 1.0
+    prior: float = 0.1
 
     name: ClassVar[str] = "ohman"
     title: ClassVar[str] = "Öhman"
@@ -145,7 +145,7 @@ class Ohman(ControlModel):
         begin = np.concatenate([np.zeros(phones), np.where(vowel, 0.0, _FACTOR)])
         pull = self.prior * np.concatenate([np.ones(phones), np.full(phones, scale**2 or 1.0)])
         # Vowels have no factor.
-        far = np.full(phones, np.inf)
+        far = np.full(phones, _WIDEST * float(np.abs(training.values).max(initial=0.0)))
         bounds = np.concatenate([-far, np.zeros(phones)]), np.concatenate([far, 1.0 - vowel])
 
         def error(point: FloatArray) -> float:
@@ -187,12 +187,8 @@ class Ohman(ControlModel):
             tolerance=self.tolerance,
             after=after,
         )
-        pulled, factors = best[2][:phones], best[2][phones:]
-        widest = _WIDEST * float(np.abs(training.values).max(initial=0.0))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            targets = np.where(vowel, pulled, np.nan_to_num(pulled / factors, nan=0.0))
-        targets = np.where(vowel, targets, np.clip(targets, -widest, widest)) + middle
-        found = np.stack([targets, factors, np.full(phones, middle)])
+        targets, factors = np.split(best[2], 2)
+        found = np.stack([targets + middle, factors, np.full(phones, middle)])
         kept.keep(entries, np.array(rows))
         kept.keep(name, found)
         return found
@@ -325,8 +321,7 @@ def _matrix(columns: IntArray, shares: FloatArray, phones: int) -> Any:
 class _Track(NamedTuple):
     """One articulatory parameter over all frames that have a value: errors, normal equations.
 
-    A point is the targets of the vowels and w c of the consonants, `(phones,)`, then w. With w c in
-    place of c the trajectory is linear in each half.
+    A point is the targets of vowels and consonants, `(phones,)`, then the factors w.
     """
 
     values: FloatArray
@@ -347,10 +342,11 @@ class _Track(NamedTuple):
 
     def _parts(self, point: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The vowel track, what the consonants leave of it, and the errors, `(frames,)` each."""
-        phones = len(point) // 2
-        track = self.blends.track @ point[:phones]
-        left = 1.0 - self.blends.consonants @ point[phones:]
-        return track, left, left * track + self.blends.consonants @ point[:phones] - self.values
+        targets, factors = np.split(point, 2)
+        track = self.blends.track @ targets
+        left = 1.0 - self.blends.consonants @ factors
+        pulled = self.blends.consonants @ (factors * targets)
+        return track, left, left * track + pulled - self.values
 
     def error(self, point: FloatArray) -> float:
         """Sum of squares (eq. 5)."""
@@ -360,12 +356,18 @@ class _Track(NamedTuple):
     def equations(self, point: FloatArray) -> Equations:
         """The normal equations, with the derivatives of eqs. 18-20."""
         track, left, apart = self._parts(point)
-        by_targets = sparse.diags_array(left, format="csr") @ self.blends.track
-        by_targets = by_targets + self.blends.consonants
-        by_factors = sparse.diags_array(-track, format="csr") @ self.blends.consonants
+        targets, factors = np.split(point, 2)
+        vowel_track, consonants = self.blends
+        by_targets = _rows(left) @ vowel_track + consonants @ _rows(factors)
+        by_factors = consonants @ _rows(targets) - _rows(track) @ consonants
         derivatives = sparse.hstack([by_targets, by_factors], format="csr")
         squares = (derivatives.T @ derivatives).toarray()
         return Equations(squares, derivatives.T @ apart, float(apart @ apart))
+
+
+def _rows(values: FloatArray) -> Any:
+    """A matrix that multiplies rows from the left, or columns from the right."""
+    return sparse.diags_array(values, format="csr")
 
 
 def _centres(phones: PhoneSequence) -> FloatArray:
