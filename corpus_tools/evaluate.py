@@ -10,11 +10,14 @@ from corpus_tools import console, page
 from corpus_tools.console import Status
 from mocap_fit import control
 from mocap_fit.control import ControlModel
+from mocap_fit.control.cohen_massaro import CohenMassaro
 from mocap_fit.corpus import Corpus, Utterance, open_corpus
 from mocap_fit.drawing import save_figure
 from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.evaluation import GROUPS, Evaluation, evaluate, figures
 
+# Segments of a figure of dominance functions.
+_DRAWN_AT_MOST = 100
 _TABLE = "scores.csv", "differences.csv"
 
 
@@ -136,8 +139,16 @@ def write(
         ),
     }
     for name, model in models.items():
+        label = "".join(c if c.isalnum() else "_" for c in name).lower()
+        if isinstance(model, CohenMassaro) and len(phones) <= _DRAWN_AT_MOST:
+            calls[f"dominance_{label}"] = (
+                figures.dominance_figure,
+                model,
+                tracks,
+                phones,
+                parameter,
+            )
         if model.log_:
-            label = "".join(c if c.isalnum() else "_" for c in name).lower()
             calls[f"training_{label}"] = (figures.training_figure, model.log_, f"Training: {name}")
     files = []
     with console.progress("drawing figures", len(calls)) as advance:

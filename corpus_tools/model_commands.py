@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -16,8 +16,13 @@ _Corpus = Annotated[
 
 def train(
     corpus: _Corpus,
-    model: Annotated[str, typer.Option(help="The control model, such as cohen-massaro.")],
-    out: Annotated[Path, typer.Option(help="The file of the trained model.", readable=False)],
+    out: Annotated[
+        Path,
+        typer.Option(help="The file of the trained model; a sweep's folder.", readable=False),
+    ],
+    model: Annotated[
+        str | None, typer.Option(help="The control model, such as cohen-massaro.")
+    ] = None,
     protocol: Annotated[
         str,
         typer.Option(
@@ -33,23 +38,31 @@ def train(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="A setting of the model; repeatable."),
     ] = None,
+    sweep: Annotated[
+        bool,
+        typer.Option(
+            "--sweep-look-ahead",
+            help="16 networks that see 0 to 15 frames ahead, and their errors.",
+        ),
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Train a control model on the training part of a corpus."""
     from corpus_tools import train as command
 
-    raise typer.Exit(
-        command.run(
-            corpus,
-            model=model,
-            out=out,
-            protocol=one_of(protocol, command.PROTOCOLS, "--protocol"),  # type: ignore[arg-type]
-            validation=validation,
-            seed=seed,
-            settings=settings or (),
-            as_json=as_json,
-        )
-    )
+    if sweep == (model is not None):
+        raise typer.BadParameter("give --model or --sweep-look-ahead", param_hint="--model")
+    options: dict[str, Any] = {
+        "out": out,
+        "protocol": one_of(protocol, command.PROTOCOLS, "--protocol"),
+        "validation": validation,
+        "seed": seed,
+        "settings": settings or (),
+        "as_json": as_json,
+    }
+    if model is None:
+        raise typer.Exit(command.sweep(corpus, **options))
+    raise typer.Exit(command.run(corpus, model=model, **options))
 
 
 def evaluate(

@@ -78,6 +78,67 @@ def run(
     return Status.DONE
 
 
+def sweep(
+    corpus: Path,
+    *,
+    out: Path,
+    protocol: Protocol = "clean",
+    validation: float = VALIDATION,
+    seed: int = 0,
+    settings: Sequence[str] = (),
+    as_json: bool = False,
+) -> Status:
+    """Train networks that see 0 to 15 frames ahead, and tell their errors (Figure 4).
+
+    Parameters
+    ----------
+    corpus
+        A corpus's folder.
+    out
+        A folder for ``look_ahead.csv`` and ``look_ahead.png``; a sweep that was stopped goes on
+        from ``look_ahead.checkpoint`` there.
+    protocol, validation, seed, settings
+        As for `run`; settings are those of the networks.
+    as_json
+        Print the errors as JSON.
+    """
+    from mocap_fit.control.networks import LowLatencyNetworks
+    from mocap_fit.control.networks.look_ahead_sweep import look_ahead_sweep
+    from mocap_fit.drawing import save_figure
+    from mocap_fit.evaluation.figures import look_ahead_figure
+
+    model = control.create(LowLatencyNetworks.name, **parsed(settings))
+    assert isinstance(model, LowLatencyNetworks)
+    training, held_out = parts(open_corpus(corpus), protocol, validation, seed)
+    console.make_folder(out)
+    checkpoint = out / "look_ahead.checkpoint"
+    with training_progress("training networks") as told:
+        points = look_ahead_sweep(
+            training, held_out, settings=model, progress=told, checkpoint=checkpoint
+        )
+    rows = [point._asdict() for point in points]
+    lines = [",".join(rows[0]), *(",".join(f"{v:.6g}" for v in row.values()) for row in rows)]
+    console.write_text(out / "look_ahead.csv", "\n".join(lines) + "\n")
+    save_figure(
+        out / "look_ahead.png",
+        look_ahead_figure,
+        [point.look_ahead for point in points],
+        [point.error for point in points],
+    )
+    checkpoint.unlink(missing_ok=True)
+    if as_json:
+        console.print_json({"utterances": len(training), "look_ahead": rows})
+    else:
+        cells = [
+            [str(p.frames), f"{1000 * p.look_ahead:.0f}", f"{p.error:.4f}", str(p.epoch)]
+            for p in points
+        ]
+        screen = console.screen()
+        screen.print(console.table(["frames ahead", "ms", "held-out error", "epoch"], cells))
+        screen.print(f"Written: {out / 'look_ahead.csv'}, look_ahead.png", soft_wrap=True)
+    return Status.DONE
+
+
 def parts(
     corpus: Corpus, protocol: Protocol, fraction: float = VALIDATION, seed: int = 0
 ) -> tuple[Corpus, Corpus]:

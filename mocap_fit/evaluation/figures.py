@@ -1,4 +1,8 @@
-"""Figures of an evaluation: scores, trajectories (Figure 5 of Beskow), look-ahead (Figure 4)."""
+"""Figures of an evaluation: scores, and figures 2, 4 and 5 of Beskow.
+
+Figure 2 is the dominance functions of a Cohen-Massaro model, figure 4 what looking ahead is worth,
+figure 5 the trajectories of several models.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +20,8 @@ from mocap_fit.tracks import FloatArray, ParameterTracks
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from mocap_fit.control.cohen_massaro import CohenMassaro
 
 _LABELS = {"all": "all but silence", "vowels": "vowels", "consonants": "consonants"}
 
@@ -151,6 +157,49 @@ def phone_strip(axis: Axes, phones: PhoneSequence) -> None:
     axis.set_ylim(0, 1)
     axis.set_yticks([])
     axis.spines["left"].set_visible(False)
+
+
+def dominance_figure(
+    model: CohenMassaro, target: ParameterTracks, phones: PhoneSequence, parameter: str
+) -> Figure:
+    """Dominance functions of a Cohen-Massaro model, and the trajectory they make (Figure 2).
+
+    Parameters
+    ----------
+    model
+        A trained one.
+    target
+        Of the utterance.
+    phones
+        Of the utterance, 100 segments at most.
+    parameter
+        Which one is drawn.
+    """
+    times = target.times
+    fine = np.linspace(times[0], times[-1], 4 * len(times))
+    dominances = model.dominances(phones, fine, parameter)
+    column = target.index(parameter)
+    figure, axes = new_figure((10.0, 4.6), 3, 1, sharex=True, height_ratios=[1.0, 1.0, 0.2])
+    above, below, strip = axes[:, 0]
+    for i in range(len(phones)):
+        colour = CYCLE[i % len(CYCLE)]
+        above.plot(fine, dominances[:, i], color=colour, lw=1.2)
+        above.fill_between(fine, dominances[:, i], color=colour, alpha=0.08, lw=0)
+    above.set_yscale("log")
+    above.set_ylim(max(1e-4 * float(dominances.max()), 1e-300), 1.5 * float(dominances.max()))
+    above.set_title("dominance of each phone (part of the largest)", pad=3)
+    below.plot(times, target.values[:, column], color=GREY, lw=2.6, alpha=0.6, label="target")
+    below.plot(fine, model.predict_at(phones, fine)[:, column], color=INK, lw=1.3, label="model")
+    below.set_title(spoken(parameter), pad=3)
+    below.legend(loc="upper right", ncols=2)
+    for segment in phones:
+        for axis in (above, below):
+            axis.axvline(segment.start, color=PALE, lw=0.6, zorder=0)
+    phone_strip(strip, phones)
+    strip.set_xlim(times[0], times[-1])
+    strip.set_xlabel("time (s)")
+    figure_title(figure, f"{model.title}: dominance functions, {target.name}")
+    return figure
 
 
 def look_ahead_figure(

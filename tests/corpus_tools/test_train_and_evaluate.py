@@ -144,3 +144,25 @@ def test_a_protocol_that_is_none_is_a_wrong_call(corpus_folder, tmp_path, capsys
     call = ["train", str(corpus_folder), "--model", "mean", "--out", str(tmp_path / "m")]
     assert cli.main([*call, "--protocol", "mine"]) == 2
     assert "is not one of clean" in capsys.readouterr().err
+
+
+def test_a_sweep_tells_the_error_of_every_look_ahead(corpus_folder, tmp_path, capsys):
+    out = tmp_path / "sweep"
+    call = ["train", str(corpus_folder), "--sweep-look-ahead", "--out", str(out), "--json"]
+    assert cli.main([*call, "--set", "epochs=2", "--set", "hidden_units=4"]) == 0
+    rows = json.loads(capsys.readouterr().out)["look_ahead"]
+    assert [row["frames"] for row in rows] == list(range(16))
+    table = pd.read_csv(out / "look_ahead.csv")
+    assert table["error"].tolist() == pytest.approx([row["error"] for row in rows], rel=1e-5)
+    assert {path.name for path in out.iterdir()} == {"look_ahead.csv", "look_ahead.png"}
+    assert cli.main([*call, "--model", "mean"]) == 2
+    assert cli.main(["train", str(corpus_folder), "--out", str(out)]) == 2
+
+
+def test_dominance_functions_are_drawn(corpus_folder, tmp_path):
+    model = tmp_path / "cm.model"
+    call = ["train", str(corpus_folder), "--model", "cohen-massaro", "--out", str(model)]
+    assert cli.main(call) == 0
+    out = tmp_path / "scores"
+    assert cli.main(["evaluate", str(corpus_folder), str(model), "--out", str(out)]) == 0
+    assert (out / "dominance_cohen_massaro.png").stat().st_size > 5000
