@@ -128,6 +128,10 @@ def check_head(
         seen = np.flatnonzero(recording.visible[:, marker] & known)
         stretches = runs(np.asarray(slipped[seen]))
         most = max(stretches, key=lambda run: run.stop - run.start, default=slice(0, 0))
+        if stretches:
+            # Single frames may look well in the midst of it.
+            every = slice(stretches[0].start, stretches[-1].stop)
+            most = every if slipped[seen[every]].mean() > 0.5 else most
         shown = seen[most]
         longest = slice(int(shown[0]), int(shown[-1]) + 1) if len(shown) else slice(0, 0)
         long = most.stop - most.start >= rigid.slip_time * recording.rate

@@ -34,10 +34,13 @@ def check_markers(
         What counts as wrong.
     """
     yield from _gaps(recording, place, limits)
-    yield from _stuck(recording, place, limits)
+    stuck = np.zeros(recording.visible.shape, dtype=bool)
+    yield from _stuck(recording, place, limits, stuck)
     yield from _same_place(recording, place, limits)
     if still is not None:
-        yield from _movement(recording, still, place, limits)
+        # Where a marker is stuck, it jumps back at the end: that is said already.
+        moving = np.where(stuck[:, :, None], np.nan, still)
+        yield from _movement(recording, moving, place, limits)
 
 
 def at(place: Place, recording: MarkerTracks, item: str, run: slice | None = None) -> Place:
@@ -104,7 +107,10 @@ def _gaps(recording: MarkerTracks, place: Place, limits: Thresholds) -> Iterator
             )
 
 
-def _stuck(recording: MarkerTracks, place: Place, limits: Thresholds) -> Iterator[Finding]:
+def _stuck(
+    recording: MarkerTracks, place: Place, limits: Thresholds, mask: NDArray[np.bool_]
+) -> Iterator[Finding]:
+    """Markers that are stuck; the mask `(frames, markers)` is set where they are."""
     positions = recording.positions
     if len(positions) < 2:
         return
@@ -128,6 +134,7 @@ def _stuck(recording: MarkerTracks, place: Place, limits: Thresholds) -> Iterato
             stuck = slice(run.start, run.stop + 1)
             inside = moving[run]
             if stuck.stop - stuck.start >= shortest and inside.mean() > 0.5:
+                mask[stuck, marker] = True
                 yield Finding(
                     "MF105",
                     at(place, recording, name, stuck),

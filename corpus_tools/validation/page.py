@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from corpus_tools import page as pages
@@ -105,14 +105,26 @@ def _group(first: Finding, members: list[Finding]) -> str:
         )
         for finding in members[:_MOST_ROWS]
     ]
-    table = pages.table(
-        ("utterance", "what", "frames", "seconds", "found", "expected", "file"), rows
-    )
+    header = ("utterance", "what", "frames", "seconds", "found", "expected", "file")
+    table = _table(header, rows)
     more = ""
     if len(members) > _MOST_ROWS:
         more = pages.paragraph(f"and {len(members) - _MOST_ROWS} more; `--json` has all.")
     opened = " open" if first.severity is not Severity.NOTE or len(members) <= 10 else ""
     return f"<details{opened}>{head}{pages.paragraph(first.advice)}{table}{more}</details>"
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table of texts, without the columns that are empty."""
+    kept = [k for k in range(len(header)) if any(row[k] for row in rows)]
+
+    def line(tag: str, cells: Sequence[str]) -> str:
+        return "".join(f"<{tag} class=text>{html.escape(cells[k])}</{tag}>" for k in kept)
+
+    body = "\n".join(f"<tr>{line('td', row)}</tr>" for row in rows)
+    return (
+        f"<table>\n<thead><tr>{line('th', header)}</tr></thead>\n<tbody>\n{body}\n</tbody></table>"
+    )
 
 
 def _span(frames: tuple[int, int]) -> str:

@@ -47,9 +47,11 @@ def check_parameters(
         return
     yield from _missing(tracks, known, place, limits)
     yield from _residuals(tracks, varies, place, limits)
+    bounds = np.full((len(tracks.names), 2), np.nan)
     if rig is not None and tuple(rig.parameter_names) == tracks.names:
-        yield from _bounds(tracks, rig.bounds, place, limits)
-    yield from _movement(tracks, place, limits)
+        bounds = rig.bounds
+        yield from _bounds(tracks, bounds, place, limits)
+    yield from _movement(tracks, bounds, place, limits)
 
 
 def at(place: Place, tracks: ParameterTracks, item: str, run: slice | None = None) -> Place:
@@ -168,7 +170,9 @@ def _bounds(
                 )
 
 
-def _movement(tracks: ParameterTracks, place: Place, limits: Thresholds) -> Iterator[Finding]:
+def _movement(
+    tracks: ParameterTracks, bounds: FloatArray, place: Place, limits: Thresholds
+) -> Iterator[Finding]:
     rules = limits.parameters
     steps = np.abs(np.diff(tracks.values, axis=0))
     with np.errstate(invalid="ignore"):
@@ -188,6 +192,8 @@ def _movement(tracks: ParameterTracks, place: Place, limits: Thresholds) -> Iter
             )
         for stretch in runs(still[:, column] & moving):
             run = slice(stretch.start, stretch.stop + 1)
+            if (np.abs(values[run.start] - bounds[column]) <= rules.bound_distance).any():
+                continue
             if (run.stop - run.start) / tracks.rate >= rules.still_time:
                 at_bound = "" if values[run.start] else " (at rest)"
                 yield Finding(
