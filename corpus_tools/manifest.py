@@ -15,7 +15,7 @@ convention: ``recordings/ labels/ sound/ reference.* sentences.tsv``. ::
     [recordings]
     pattern = "recordings/{id}.*"   # one file must match
     [labels]
-    pattern = "labels/{id}.*"
+    pattern = "labels/{id}.*"    # without {id}: one file has all (HTK's .mlf)
     phones = "phones"            # names of the tiers; found by content where not given
     words = "words"
     table = { "ax" = "AH" }      # labels that the phone set lacks → what to read them as
@@ -91,6 +91,12 @@ def _with_id(pattern: str) -> str:
     return pattern
 
 
+def _with_id_at_most(pattern: str) -> str:
+    if pattern.count("{id}") > 1:
+        raise ValueError("the pattern may hold {id} once, or not at all for a file of all labels")
+    return pattern
+
+
 def _name(name: str) -> str:
     if not _NAME.fullmatch(name):
         raise ValueError("this cannot be part of a file's name")
@@ -115,7 +121,7 @@ class Recordings(_Strict):
 class LabelFiles(_Strict):
     """Where the labels are, and how they are read."""
 
-    pattern: _Pattern = "labels/{id}.*"
+    pattern: Annotated[str, After(_inside), After(_with_id_at_most)] = "labels/{id}.*"
     phones: str | None = None
     words: str | None = None
     table: dict[str, str] = {}

@@ -154,7 +154,6 @@ def make_plan(
     phone_set = load_phone_set(set_name)
     own = Path(set_name).read_bytes() if set_name != manifest.phone_set else None
     layout = _sized(load_layout(layout_name), manifest.fit.size_varies, layout_name)
-    load_face(face_name)
     lips = _lips(layout, layout_name) if manifest.sync.kind == "estimate" else None
     fit = manifest.fit
     options = Options(fit.objective, fit.solver, fit.refine_pose, fit.smooth)
@@ -179,6 +178,9 @@ def make_plan(
         speakers[pattern] = speaker
         both = f"{speaker.fingerprint(options)}\0{shared}"
         fingerprints[pattern] = hashlib.sha256(both.encode()).hexdigest()
+    if not speakers:
+        # One that cannot be used is no fault of the reference poses.
+        load_face(face_name)
     finder = _Finder(root)
     jobs: list[Job] = []
     refused: dict[str, str] = {}

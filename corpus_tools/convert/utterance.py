@@ -18,12 +18,21 @@ from typing import Any
 import numpy as np
 
 from corpus_tools import console
+from corpus_tools.convert.material import (
+    UnknownPhonesError,
+    check_times,
+    notes_on_clock,
+    on_one_clock,
+    read_labels,
+    read_recording,
+    speech_of,
+    with_energy,
+)
 from corpus_tools.convert.plan import Job, Settings
 from mocap_fit.errors import DataError, FileFormatError, MocapFitError, MocapFitWarning
-from mocap_fit.io import read_phones, read_tracks
-from mocap_fit.phones import PhoneSequence, UnknownPhone, check_phones, write_phones
-from mocap_fit.sound import Sound, energy_db, read_sound, synchronise, write_sound
-from mocap_fit.tracks import MarkerTracks, write_parquet
+from mocap_fit.phones import UnknownPhone, write_phones
+from mocap_fit.sound import Sound, read_sound, write_sound
+from mocap_fit.tracks import write_parquet
 from mocap_fit.tracks.parquet_file import read_description
 
 PARTS = ("markers", "head", "phones", "tracks")
@@ -32,13 +41,6 @@ PARTS = ("markers", "head", "phones", "tracks")
 AUDIO = "audio"
 # The last step in the provenance of each file: what it was made from.
 _STEP = "convert"
-# By which part the rates of a recording and of the manifest may differ: more is no rounding.
-_SAME_RATE = 1e-3
-# Seconds by which a label may reach beyond the recording or the sound.
-_BEYOND = 0.02
-_SHOWN = 3
-# What readers say of a table of numbers that does not tell its rate; the manifest may.
-_NO_RATE = "the file does not say its frame rate"
 
 Told = Callable[[int, int], object]
 
@@ -89,12 +91,6 @@ class Outcome:
     seconds: Mapping[str, float] = field(default_factory=dict)
     files: Mapping[str, bytes] | None = None
     traceback: str | None = None
-
-
-class _UnknownPhonesError(DataError):
-    """Labels that are not in the phone set, with all their places."""
-
-    unknown: tuple[UnknownPhone, ...] = ()
 
 
 def convert_here(task: Task, job: Job, told: Told) -> Outcome:
@@ -239,7 +235,7 @@ def _watched(
         except (MocapFitError, OSError) as error:
             error_line = _under(root, console.describe_error(error))
             trace = traceback.format_exc() if console.debugging() else None
-            if isinstance(error, _UnknownPhonesError):
+            if isinstance(error, UnknownPhonesError):
                 unknown = error.unknown
     return Outcome(figures, error_line, unknown, tuple(lines), seconds, None, trace)
 
@@ -282,22 +278,25 @@ def _converted(
     made_from = {"inputs": inputs}
     with _heard(task.root) as checks:
         with _timed(seconds, "reading"):
-            recording = _recording(task, job)
+            recording = read_recording(settings, task.root, job)
             sound = None if job.sound is None else read_sound(task.root / job.sound)
-            phones = _phones(task, job)
+            phones = read_labels(settings, task.root, job, None if sound is None else sound.rate)
         recorded_rate = recording.rate
         with _timed(seconds, "synchronising"):
-            recording, sync = _synchronised(settings, job, recording, sound)
-            speech = _speech(settings, sound)
-        _check_labels(settings, job, phones, recording, speech)
+            recording, sync = on_one_clock(settings, job, recording, sound)
+            speech = speech_of(settings, sound)
+        check_times(settings, job, phones, recording, speech)
         if speech is not None:
-            phones = _with_energy(phones, speech)
-        with _timed(seconds, "head_motion"):
-            still, motion = speaker.remove_head_motion(recording)
-        with _timed(seconds, "fitting"):
-            result = speaker.fit_still(
-                still, settings.options, lambda frames: told(frames, still.frames)
-            )
+            phones = with_energy(phones, speech)
+        try:
+            with _timed(seconds, "head_motion"):
+                still, motion = speaker.remove_head_motion(recording)
+            with _timed(seconds, "fitting"):
+                result = speaker.fit_still(
+                    still, settings.options, lambda frames: told(frames, still.frames)
+                )
+        except DataError as error:
+            raise console.located(error, job.recording) from None
     fitted = np.isfinite(result.parameters.residuals)
     if not fitted.any():
         raise DataError("no frame could be fitted", path=job.recording)
@@ -326,7 +325,7 @@ def _converted(
             "head_residual_mm": float(np.nanmedian(motion.residuals)),
             "sync": sync,
             "sources": list(job.files),
-            "checks": [*_noted(sync, recording.frames), *checks],
+            "checks": [*notes_on_clock(sync, recording.frames), *checks],
         }
         if audio is not None:
             figures["audio"] = audio
@@ -338,144 +337,6 @@ def _converted(
     for line in checks:
         warnings.warn(line, MocapFitWarning, stacklevel=1)
     return {**figures, "kept": False}
-
-
-def _recording(task: Task, job: Job) -> MarkerTracks:
-    path, rate = task.root / job.recording, task.settings.manifest.rate
-    try:
-        recording = read_tracks(path)
-    except MocapFitError as error:
-        if rate is None or error.problem != _NO_RATE:
-            raise
-        recording = read_tracks(path, rate=rate)
-    if rate is not None and abs(recording.rate / rate - 1.0) > _SAME_RATE:
-        raise DataError(
-            "the frame rate is not that of the manifest",
-            path=path,
-            found=f"{recording.rate:g} Hz",
-            expected=f"{rate:g} Hz",
-            advice="Correct the manifest, or export the recording at its own rate.",
-        )
-    return recording
-
-
-def _phones(task: Task, job: Job) -> PhoneSequence:
-    labels, phone_set = task.settings.manifest.labels, task.settings.phone_set
-    path, name = task.root / job.labels, job.entry.id
-    try:
-        return read_phones(
-            path, labels.phones, labels.words, phone_set, table=labels.table, name=name
-        ).replace(name=name)
-    except DataError as error:
-        unknown = _unknown_phones(task, job)
-        if not unknown:
-            raise console.located(error, path) from None
-        refused = _UnknownPhonesError(
-            f"{len(unknown)} symbols are not in the phone set '{phone_set.name}': "
-            + "; ".join(map(str, unknown)),
-            path=path,
-        )
-        refused.unknown = unknown
-        raise refused from None
-
-
-def _unknown_phones(task: Task, job: Job) -> tuple[UnknownPhone, ...]:
-    """The labels that are in neither the phone set nor the manifest's table."""
-    labels = task.settings.manifest.labels
-    try:
-        raw = read_phones(task.root / job.labels, labels.phones, labels.words, name=job.entry.id)
-    except MocapFitError:
-        return ()
-    segments = tuple(s for s in raw if s.phone not in labels.table)
-    raw = raw.replace(segments=segments, name=job.entry.id)
-    return check_phones(raw, task.settings.phone_set)
-
-
-def _synchronised(
-    settings: Settings, job: Job, recording: MarkerTracks, sound: Sound | None
-) -> tuple[MarkerTracks, dict[str, Any]]:
-    said = settings.manifest.sync
-    try:
-        recording, found = synchronise(
-            recording,
-            sound,
-            kind=said.kind,
-            channel=said.channel,
-            lips=settings.lips,
-            about=job.entry.start_time,
-            largest=said.largest_offset,
-        )
-    except DataError as error:
-        raise console.located(error, job.sound or job.recording) from None
-    return recording, found.to_dict()
-
-
-def _noted(sync: Mapping[str, Any], frames: int) -> list[str]:
-    """What a user should know of the clocks."""
-    notes = []
-    if sync["is_estimate"]:
-        notes.append(
-            f"the start time {sync['start_time']:.3f} s is an estimate (correlation "
-            f"{sync['correlation']:.2f}), not a measurement"
-        )
-    if sync.get("missing"):
-        notes.append(f"{sync['missing']} of {frames} sync pulses are missing")
-    if sync.get("extra"):
-        notes.append(f"{sync['extra']} pulses besides the sync pulses")
-    return notes
-
-
-def _speech(settings: Settings, sound: Sound | None) -> Sound | None:
-    """The sound without the channel of the pulses; None where there is no other."""
-    said = settings.manifest.sync
-    if sound is None or said.kind != "pulses":
-        return sound
-    return None if sound.channels == 1 else sound.without_channel(said.channel)
-
-
-def _check_labels(
-    settings: Settings,
-    job: Job,
-    phones: PhoneSequence,
-    recording: MarkerTracks,
-    speech: Sound | None,
-) -> None:
-    """Refuse phones that are spoken where nothing was recorded."""
-    spoken = [s for s in phones if not settings.phone_set.is_silence(s)]
-    if not spoken:
-        raise DataError("no phone but silence is labelled", path=job.labels)
-    frame = 1.0 / recording.rate
-    first, last = float(recording.times[0]), float(recording.times[-1])
-    spans = [("the recording", first - frame, last + frame, job.recording)]
-    if speech is not None:
-        spans.append(("the sound", 0.0, speech.duration, str(job.sound)))
-    for noun, start, end, path in spans:
-        outside = [s for s in spoken if s.start < start - _BEYOND or s.end > end + _BEYOND]
-        if outside:
-            shown = ", ".join(f"'{s.phone}' at {s.start:.3f} s" for s in outside[:_SHOWN])
-            more = f" and {len(outside) - _SHOWN} more" if len(outside) > _SHOWN else ""
-            raise DataError(
-                f"{len(outside)} labels are outside {noun} ({path}): {shown}{more}",
-                path=job.labels,
-                expected=f"{start:.3f} s to {end:.3f} s",
-                advice="Check that the files belong together, and the start time.",
-            )
-    if speech is not None and last > speech.duration + 0.1:
-        warnings.warn(
-            f"the recording goes on {last - speech.duration:.2f} s after the end of the sound",
-            MocapFitWarning,
-            stacklevel=1,
-        )
-
-
-def _with_energy(phones: PhoneSequence, speech: Sound) -> PhoneSequence:
-    energies = energy_db(speech, [segment.centre for segment in phones])
-    return phones.replace(
-        segments=tuple(
-            dataclasses.replace(segment, energy_db=None if np.isnan(energy) else float(energy))
-            for segment, energy in zip(phones, energies, strict=True)
-        )
-    ).with_step("energy_db", {"reference": "full scale"})
 
 
 def _write_audio(task: Task, job: Job, sound: Sound | None, speech: Sound | None) -> str | None:

@@ -60,3 +60,11 @@ def lab(tmp_path_factory) -> Path:
     options = ["--utterances", "3", "--rate", "30"]
     assert cli.main(["simulate", str(path), *options]) == 0
     return path
+
+
+@pytest.fixture(scope="session")
+def lab_corpus(lab, tmp_path_factory) -> Path:
+    """The corpus of the lab; not to be changed."""
+    out = tmp_path_factory.mktemp("lab_corpus") / "new" / "corpus"
+    assert cli.main(["convert", str(lab), "--out", str(out)]) == 0
+    return out

@@ -1,5 +1,6 @@
 """``mocap-fit convert``: a lab's folder becomes a corpus."""
 
+import dataclasses
 import hashlib
 import json
 import os
@@ -13,7 +14,7 @@ import pytest
 from corpus_tools import cli
 from corpus_tools.manifest import entries, load_manifest
 from mocap_fit.corpus import open_corpus
-from mocap_fit.io import read_tracks, write_qualisys_tsv
+from mocap_fit.io import read_labels, read_tracks, write_labels, write_qualisys_tsv
 from mocap_fit.sound import Sound, energy_db, read_sound, write_sound
 from mocap_fit.tracks import MarkerTracks, read_parquet
 
@@ -38,11 +39,8 @@ def report(capsys):
 
 
 @pytest.fixture(scope="module")
-def corpus(lab, tmp_path_factory):
-    """The lab's corpus; not to be changed."""
-    out = tmp_path_factory.mktemp("corpus") / "new" / "corpus"
-    assert convert(lab, out) == 0
-    return out
+def corpus(lab_corpus):
+    return lab_corpus
 
 
 @pytest.fixture
@@ -232,6 +230,7 @@ class TestAgain:
         assert changed
         assert all("sim002" in name for name in changed - {"utterances.parquet"})
 
+    @pytest.mark.slow
     def test_a_changed_setting_converts_all_again(self, own, capsys):
         lab, corpus = own
         manifest = lab / "manifest.toml"
@@ -375,6 +374,7 @@ class TestHow:
         assert report(capsys)["kept"] == 3
         assert sums(corpus) == before
 
+    @pytest.mark.slow
     def test_the_folder_convention(self, own):
         lab, _ = own
         for name in ("manifest.toml", "sentences.tsv"):
@@ -387,6 +387,25 @@ class TestHow:
         # Nothing says that there are pulses: sound and recording begin together.
         assert opened["sim001"].tracks.start_time == 0.0
         assert read_sound(opened["sim001"].sound).channels == 2
+
+    def test_labels_of_all_in_one_file(self, own, capsys):
+        lab, corpus = own
+        before = {u.id: u.phones for u in open_corpus(corpus)}
+        labels = []
+        for path in sorted((lab / "labels").iterdir()):
+            (tier,) = [t for t in read_labels(path).tiers if t.name == "phones"]
+            labels.append(dataclasses.replace(read_labels(path), tiers=(tier,)))
+        write_labels(labels, lab / "labels.mlf")
+        manifest = lab / "manifest.toml"
+        text = manifest.read_text().replace("labels/{id}.TextGrid", "labels.mlf")
+        manifest.write_text(re.sub(r'(phones|words) = "\w+"\n', "", text))
+        (lab / "recordings" / "sim001.tsv").unlink()
+        (lab / "recordings" / "sim003.tsv").unlink()
+        # Missing recordings are bad; that of sim002 shows how its labels are found.
+        assert convert(lab, corpus) == 1
+        (utterance,) = open_corpus(corpus)
+        assert utterance.phones.phones == before["sim002"].phones
+        np.testing.assert_allclose(utterance.phones.starts, before["sim002"].starts, atol=1e-6)
 
     def test_an_estimate_says_that_it_is_one(self, own, rng, capsys):
         """A voice that is louder the farther the lips are apart; the first frame is at 0.1 s."""
@@ -418,6 +437,7 @@ class TestHow:
             assert utterance.tracks.start_time == pytest.approx(0.1, abs=0.04)
             assert utterance.tracks.rate == 30.0
 
+    @pytest.mark.slow
     def test_a_phone_set_of_ones_own_comes_along(self, own):
         from importlib import resources
 

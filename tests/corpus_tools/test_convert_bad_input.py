@@ -3,6 +3,8 @@
 import json
 import re
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -19,10 +21,8 @@ def convert(manifest, out, *options):
 
 
 @pytest.fixture(scope="module")
-def corpus(lab, tmp_path_factory):
-    out = tmp_path_factory.mktemp("good") / "corpus"
-    assert convert(lab, out) == 0
-    return out
+def corpus(lab_corpus):
+    return lab_corpus
 
 
 @pytest.fixture
@@ -40,134 +40,186 @@ def edited(path, pattern, replacement):
     path.write_text(changed)
 
 
-def label(lab):
-    return lab / "labels" / "sim002.TextGrid"
+def label(lab, name):
+    return lab / "labels" / f"{name}.TextGrid"
 
 
-def sound(lab):
-    return lab / "sound" / "sim002.wav"
+def sound(lab, name):
+    return lab / "sound" / f"{name}.wav"
 
 
-def recording(lab):
-    return lab / "recordings" / "sim002.tsv"
+def recording(lab, name):
+    return lab / "recordings" / f"{name}.tsv"
 
 
-def shorter_sound(lab):
-    whole = read_sound(sound(lab))
-    write_sound(whole.replace(samples=whole.samples[: len(whole) // 2]), sound(lab))
+def shorter_sound(lab, name):
+    whole = read_sound(sound(lab, name))
+    write_sound(whole.replace(samples=whole.samples[: len(whole) // 2]), sound(lab, name))
 
 
-def fewer_frames(lab):
-    tracks = read_tracks(recording(lab))
+def fewer_frames(lab, name):
+    tracks = read_tracks(recording(lab, name))
     write_qualisys_tsv(
-        tracks.replace(positions=tracks.positions[:-7], origin=tracks.origin[:-7]), recording(lab)
+        tracks.replace(positions=tracks.positions[:-7], origin=tracks.origin[:-7]),
+        recording(lab, name),
     )
 
 
-def no_pulses(lab):
-    whole = read_sound(sound(lab))
+def no_pulses(lab, name):
+    whole = read_sound(sound(lab, name))
     samples = np.array(whole.samples)
     samples[:, 1] = 0
-    write_sound(whole.replace(samples=samples), sound(lab))
+    write_sound(whole.replace(samples=samples), sound(lab, name))
 
 
-def first_pulse_lost(lab):
-    whole = read_sound(sound(lab))
+def first_pulse_lost(lab, name):
+    whole = read_sound(sound(lab, name))
     samples = np.array(whole.samples)
     first = int(np.argmax(samples[:, 1] > 0.1))
     samples[first - 20 : first + 60, 1] = 0
-    write_sound(whole.replace(samples=samples), sound(lab))
+    write_sound(whole.replace(samples=samples), sound(lab, name))
 
 
-def one_channel(lab):
-    write_sound(read_sound(sound(lab)).mono(), sound(lab))
+def one_channel(lab, name):
+    write_sound(read_sound(sound(lab, name)).mono(), sound(lab, name))
 
 
-def only_silence(lab):
-    label(lab).unlink()
-    label(lab).with_suffix(".TextGrid").write_text(
+def only_silence(lab, name):
+    label(lab, name).unlink()
+    label(lab, name).with_suffix(".TextGrid").write_text(
         'File type = "ooTextFile"\nObject class = "TextGrid"\n\n0\n3\n<exists>\n2\n'
         '"IntervalTier"\n"words"\n0\n3\n1\n0\n3\n""\n'
         '"IntervalTier"\n"phones"\n0\n3\n1\n0\n3\n""\n'
     )
 
 
-def late_labels(lab):
+def late_labels(lab, name):
     """Two seconds later: past the end of the recording."""
     from mocap_fit.io import read_labels, retime, write_labels
 
-    write_labels(retime(read_labels(label(lab)), [(0.0, 2.0)]), label(lab))
+    write_labels(retime(read_labels(label(lab, name)), [(0.0, 2.0)]), label(lab, name))
 
 
-def no_lips(lab):
-    lines = recording(lab).read_text().splitlines()
+def no_lips(lab, name):
+    lines = recording(lab, name).read_text().splitlines()
     text = "\n".join(line.replace("lip_upper_mid", "renamed") for line in lines)
-    recording(lab).write_text(text + "\n")
+    recording(lab, name).write_text(text + "\n")
 
 
-def frozen(lab):
+def frozen(lab, name):
     """All markers but two are gone in every frame."""
-    tracks = read_tracks(recording(lab))
+    tracks = read_tracks(recording(lab, name))
     positions = np.array(tracks.positions)
     positions[:, 2:] = np.nan
-    write_qualisys_tsv(tracks.replace(positions=positions, origin=None), recording(lab))
+    write_qualisys_tsv(tracks.replace(positions=positions, origin=None), recording(lab, name))
 
 
 BAD = {
-    "no recording": (lambda lab: recording(lab).unlink(), "the recording of 'sim002' is missing"),
-    "no labels": (lambda lab: label(lab).unlink(), "the labels of 'sim002' are missing"),
-    "no sound": (lambda lab: sound(lab).unlink(), "the sound of 'sim002' is missing"),
-    "an empty recording": (lambda lab: recording(lab).write_bytes(b""), "recordings/sim002.tsv"),
-    "a damaged recording": (
-        lambda lab: recording(lab).write_bytes(recording(lab).read_bytes()[:400]),
-        "recordings/sim002.tsv",
+    "no recording": (
+        lambda lab, name: recording(lab, name).unlink(),
+        "the recording of .* is missing",
     ),
-    "labels that are none": (lambda lab: label(lab).write_bytes(b"hello"), "labels/sim002"),
-    "sound that is none": (lambda lab: sound(lab).write_bytes(b"RIFF"), "sound/sim002.wav"),
+    "no labels": (lambda lab, name: label(lab, name).unlink(), "the labels of .* are missing"),
+    "no sound": (lambda lab, name: sound(lab, name).unlink(), "the sound of .* is missing"),
+    "an empty recording": (lambda lab, name: recording(lab, name).write_bytes(b""), "recordings/"),
+    "a damaged recording": (
+        lambda lab, name: recording(lab, name).write_bytes(recording(lab, name).read_bytes()[:400]),
+        "recordings/",
+    ),
+    "labels that are none": (lambda lab, name: label(lab, name).write_bytes(b"hello"), "labels/"),
+    "sound that is none": (lambda lab, name: sound(lab, name).write_bytes(b"RIFF"), "sound/"),
     "a sound that is too short": (shorter_sound, "too short for the frames"),
     "fewer frames than pulses": (fewer_frames, "do not match the number of frames"),
     "no pulses": (no_pulses, "does not hold a pulse for every frame"),
     "the first pulse lost": (first_pulse_lost, "first or the last pulse is missing"),
     "one channel": (one_channel, "there is no channel 2"),
     "another frame rate": (
-        lambda lab: write_qualisys_tsv(read_tracks(recording(lab), rate=60.0), recording(lab)),
+        lambda lab, name: write_qualisys_tsv(
+            read_tracks(recording(lab, name), rate=60.0), recording(lab, name)
+        ),
         r"the frame rate is not that of the manifest \(found 60 Hz, expected 30 Hz\)",
     ),
     "labels after the recording": (late_labels, "labels are outside the recording"),
     "only silence": (only_silence, "no phone but silence"),
     "a tier that is not there": (
-        lambda lab: edited(label(lab), '"phones"', '"segments"'),
+        lambda lab, name: edited(label(lab, name), '"phones"', '"segments"'),
         "has no tier 'phones'",
     ),
-    "no head to see": (frozen, "sim002"),
+    "no head to see": (frozen, r"recordings/no_head_to_see.tsv: too few reference markers"),
 }
 
 
+def name_of(kind):
+    return kind.replace(" ", "_")
+
+
+@pytest.fixture(scope="module")
+def many(lab, tmp_path_factory):
+    """A lab with an utterance of every kind of fault, and what is said of it."""
+    folder = tmp_path_factory.mktemp("many") / "lab"
+    shutil.copytree(lab, folder)
+    rows = [line for line in (folder / "sentences.tsv").read_text().splitlines() if line]
+    (base,) = [row for row in rows if row.startswith("sim002")]
+    for kind, (spoil, _) in BAD.items():
+        name = name_of(kind)
+        for path in [label(lab, "sim002"), sound(lab, "sim002"), recording(lab, "sim002")]:
+            copy = folder / path.parent.name / path.name.replace("sim002", name)
+            copy.write_bytes(path.read_bytes())
+        spoil(folder, name)
+        rows.append(base.replace("sim002", name))
+    (folder / "sentences.tsv").write_text("\n".join(rows) + "\n")
+    out = folder.parent / "corpus"
+    program = "import sys; from corpus_tools.cli import main; sys.exit(main())"
+    done = subprocess.run(
+        [sys.executable, "-c", program, "convert", folder, "--out", out, "--json"],
+        capture_output=True,
+        encoding="utf-8",
+        check=False,
+    )
+    return folder, out, done
+
+
+def test_the_good_ones_are_converted_whatever_the_others_are(many, corpus):
+    _, out, done = many
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    told = json.loads(done.stdout)
+    assert (told["bad"], told["converted"]) == (len(BAD), 3)
+    good = ["sim001", "sim002", "sim003"]
+    assert [u.id for u in open_corpus(out)] == good
+    assert sorted(path.stem for path in (out / "head").iterdir()) == good
+    for part in ("tracks", "phones", "markers", "head", "audio"):
+        for path in (corpus / part).iterdir():
+            assert (out / part / path.name).read_bytes() == path.read_bytes()
+
+
 @pytest.mark.parametrize("kind", BAD)
-def test_a_bad_utterance_is_named_and_left_out(kind, own, capsys):
-    spoil, message = BAD[kind]
-    lab, corpus = own
-    spoil(lab)
-    assert convert(lab, corpus, "--json") == 1
-    shown = capsys.readouterr()
-    (line,) = [line for line in shown.err.splitlines() if "error: " in line]
-    assert "sim002" in line
-    assert re.search(message, line)
-    assert "Traceback" not in shown.err
-    assert str(lab.parent) not in line.replace(str(lab), "")
-    told = json.loads(shown.out)
+def test_a_bad_utterance_is_named_with_why(kind, many):
+    folder, _, done = many
+    name = name_of(kind)
+    lines = [line for line in done.stderr.splitlines() if f"error: {name}: " in line]
+    assert len(lines) == 1, done.stderr
+    assert re.search(BAD[kind][1], lines[0])
+    assert str(folder.parent) not in lines[0].replace(str(folder), "")
+    rows = {row["id"]: row for row in json.loads(done.stdout)["utterances"]}
+    assert rows[name]["error"] in lines[0]
+
+
+def test_an_utterance_that_has_become_bad_leaves_the_corpus(own, capsys):
+    lab, out = own
+    label(lab, "sim002").write_bytes(b"hello")
+    assert convert(lab, out, "--json") == 1
+    told = json.loads(capsys.readouterr().out)
     assert (told["bad"], told["kept"], told["converted"]) == (1, 2, 0)
     assert told["removed"] == ["sim002"]
-    errors = {u["id"]: u.get("error") for u in told["utterances"]}
-    assert errors["sim002"] in line
-    assert [u.id for u in open_corpus(corpus)] == ["sim001", "sim003"]
-    assert not list(corpus.rglob("*sim002*"))
+    assert [u.id for u in open_corpus(out)] == ["sim001", "sim003"]
+    assert not list(out.rglob("*sim002*"))
 
 
 def test_labels_after_the_end_of_a_sound_without_pulses(own, capsys):
     lab, corpus = own
     edited(lab / "manifest.toml", '"pulses"', '"none"')
-    shorter_sound(lab)
+    shorter_sound(lab, "sim002")
     assert convert(lab, corpus) == 1
     (line,) = [line for line in capsys.readouterr().err.splitlines() if "error: " in line]
     assert re.search(r"sim002.* labels are outside the sound \(sound/sim002.wav\)", line)
@@ -175,14 +227,14 @@ def test_labels_after_the_end_of_a_sound_without_pulses(own, capsys):
 
 def test_a_table_without_a_rate_has_the_manifests(own, capsys):
     lab, corpus = own
-    tracks = read_tracks(recording(lab))
+    tracks = read_tracks(recording(lab, "sim002"))
     before = open_corpus(corpus)["sim002"].tracks
     header = ",".join(f"{name}_{axis}" for name in tracks.names for axis in "xyz")
     rows = tracks.positions.reshape(tracks.frames, -1)
-    table = recording(lab).with_suffix(".csv")
+    table = recording(lab, "sim002").with_suffix(".csv")
     np.savetxt(table, rows, delimiter=",", header=header, comments="", fmt="%.3f")
     table.write_text(table.read_text().replace("nan", ""))
-    recording(lab).unlink()
+    recording(lab, "sim002").unlink()
     edited(lab / "manifest.toml", "recordings/{id}.tsv", "recordings/{id}.*")
     assert convert(lab, corpus) == 0
     after = open_corpus(corpus)["sim002"].tracks
@@ -192,10 +244,10 @@ def test_a_table_without_a_rate_has_the_manifests(own, capsys):
 
 def test_what_is_mended_comes_back(own, corpus):
     lab, out = own
-    content = label(lab).read_bytes()
-    label(lab).write_bytes(b"nothing")
+    content = label(lab, "sim002").read_bytes()
+    label(lab, "sim002").write_bytes(b"nothing")
     assert convert(lab, out) == 1
-    label(lab).write_bytes(content)
+    label(lab, "sim002").write_bytes(content)
     assert convert(lab, out) == 0
     for path in corpus.rglob("*"):
         if path.is_file():
