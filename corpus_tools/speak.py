@@ -62,7 +62,11 @@ class Source:
 
 @dataclass(frozen=True)
 class Look:
-    """What the movie looks like; see `mocap_fit.render.render_movie`."""
+    """What the movie looks like; see `mocap_fit.render.render_movie`.
+
+    `markers` is a recording. With `reference`, the reference pose of its speaker, and the `layout`
+    it is brought onto the face as `mocap-fit fit` does it; without, it must lie there already.
+    """
 
     rate: float = 25.0
     size: tuple[int, int] = (640, 640)
@@ -75,6 +79,8 @@ class Look:
     seed: int = 0
     face: str = "built-in"
     markers: Path | None = None
+    reference: Path | None = None
+    layout: str | None = None
 
 
 @dataclass
@@ -134,7 +140,7 @@ def run(
         ffmpeg_program()
     rig = load_face(look.face)
     said = _said(source, list(models), rig, nearest)
-    markers = None if look.markers is None else _markers(look.markers)
+    markers = None if look.markers is None else _markers(look, said.heads.get(MEASURED))
     if keep is not None:
         _keep(said, keep)
     heads = said.heads if len(said.heads) > 1 else next(iter(said.heads.values()))
@@ -389,10 +395,23 @@ def measured(path: Path) -> ParameterTracks:
     return tracks
 
 
-def _markers(path: Path) -> MarkerTracks:
+def _markers(look: Look, tracks: ParameterTracks | None) -> MarkerTracks:
+    """Recorded markers where they are on the face, on the clock of the measured tracks."""
     from mocap_fit.io import read_tracks
 
-    return read_tracks(path)
+    assert look.markers is not None
+    markers = read_tracks(look.markers)
+    if look.reference is not None and look.layout is not None:
+        from corpus_tools.speaker import Speaker
+
+        speaker = Speaker.load(look.reference, look.layout, look.face)
+        still, _ = speaker.remove_head_motion(markers)
+        still = still.select(speaker.binding.names)
+        markers = still.replace(positions=speaker.binding.orientation.apply(still.positions))
+    if tracks is not None and tracks.frames == markers.frames:
+        # A corpus puts a recording on the clock of its sound; the recording itself is not.
+        markers = markers.replace(start_time=tracks.start_time)
+    return markers
 
 
 def _keep(said: _Said, folder: Path) -> None:

@@ -69,8 +69,14 @@ def speak(
     seed: Annotated[int, typer.Option(min=0, help="Of blinks and head motion.")] = 0,
     markers: Annotated[
         Path | None,
-        typer.Option(help="Recorded markers in the head's frame, drawn over.", readable=False),
+        typer.Option(
+            help="A recording, drawn over the head; with --reference and --layout.", readable=False
+        ),
     ] = None,
+    reference: Annotated[
+        Path | None, typer.Option(help="The reference pose of --markers.", readable=False)
+    ] = None,
+    layout: Annotated[str | None, typer.Option(help="The marker layout of --markers.")] = None,
     face: Annotated[str, typer.Option(help="built-in, or a rig file.")] = "built-in",
     keep: Annotated[
         Path | None, typer.Option(help="A folder for tracks, labels, sound.", readable=False)
@@ -109,6 +115,10 @@ def speak(
         )
     if text is not None and audio is not None:
         raise typer.BadParameter("a text has its own sound", param_hint="--audio")
+    if (reference is None) != (layout is None) or (reference is not None and markers is None):
+        raise typer.BadParameter(
+            "--markers, --reference and --layout go together", param_hint="--markers"
+        )
     if out is None:
         raise typer.BadParameter("say where to: --out FILE.mp4", param_hint="--out")
     views = tuple(one_of(name, _VIEWS, "--view") for name in view or ["front"])
@@ -125,6 +135,8 @@ def speak(
         seed,
         face,
         markers,
+        reference,
+        layout,
     )
     status = command.run(
         source,

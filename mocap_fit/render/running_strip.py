@@ -30,6 +30,8 @@ _SECONDS_A_PIECE = 20.0
 _PAPER = 255
 _NOW = np.array([200, 40, 40], dtype=np.float64)
 _MOST_CURVES = 6
+# Pixels: phones that are narrower have no room for their name.
+_LEAST_LABELLED = 7.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,14 +133,15 @@ class RunningStrip:
                 continue
             for edge in (segment.start, segment.end):
                 axes.axvline(edge, color="0.80" if labelled else "0.92", lw=0.8, zorder=0)
-            if labelled:
+            wide = segment.duration * self._scale
+            if labelled and wide > _LEAST_LABELLED:
                 axes.text(
                     segment.centre,
                     0.5,
                     segment.phone,
                     ha="center",
                     va="center",
-                    fontsize=11,
+                    fontsize=11 if wide > 9.0 * len(segment.phone) + 4.0 else 7,
                     parse_math=False,
                     clip_on=True,
                 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import signal
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
@@ -149,6 +150,8 @@ _heads: _Heads | None = None
 
 def _begin(talk: Talk) -> None:
     global _heads
+    # Ctrl-C is for the process that waits; it ends this one.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     _heads = _Heads(talk)
 
 

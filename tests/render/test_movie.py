@@ -81,6 +81,28 @@ def test_movies_last_until_sound_and_tracks_have_ended(rig, tmp_path):
     assert not late.with_sound
 
 
+def test_a_mouth_that_opens_at_a_click_is_seen_to_open_at_the_click(rig, tmp_path):
+    """The whole way: tracks and sound on one clock, drawn, written, decoded again."""
+    from test_movie_file import decoded_pictures_of, decoded_sound
+
+    rate, opening = 25.0, (0.4, 1.6)
+    times = np.arange(120) / 60
+    opened = ((times > opening[0]) & (times < opening[0] + 0.3)) | (times > opening[1])
+    samples = np.zeros(32000)
+    for click in opening:
+        samples[round(click * 16000) :][:60] = 0.9
+    path = tmp_path / "a.mp4"
+    tracks = jaw(0.9 * opened, rate=60.0)
+    render_movie(tracks, path, face=rig, size=SIZE, sound=Sound(samples, 16000), rate=rate)
+    shown = decoded_pictures_of(path, SIZE).astype(int)
+    change = np.abs(shown - shown[0]).mean(axis=(1, 2))
+    moves = np.flatnonzero((change[1:] > 1.0) & (change[:-1] <= 1.0)) + 1
+    sound = np.abs(decoded_sound(path))
+    loud = np.flatnonzero(sound > 0.3) / 48000
+    heard = [loud[0], loud[loud > 1.0][0]]
+    np.testing.assert_allclose(moves / rate, heard, atol=1 / rate)
+
+
 def test_heads_views_labels_subtitles_and_curves_have_their_places(rig, tmp_path):
     tracks = {"first": jaw(np.zeros(3)), "second": jaw(np.full(3, 0.9))}
     phones = PhoneSequence((PhoneSegment(0.0, 0.06, "p"), PhoneSegment(0.06, 0.12, "a")))

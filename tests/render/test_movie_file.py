@@ -18,11 +18,15 @@ def grey(level: int) -> np.ndarray:
 
 
 def decoded_pictures(path) -> np.ndarray:
+    return decoded_pictures_of(path, SIZE)
+
+
+def decoded_pictures_of(path, size) -> np.ndarray:
     """`(frames, height, width)`, how bright."""
     command = [ffmpeg_program(), "-v", "error", "-i", str(path), "-map", "0:v"]
     command += ["-f", "rawvideo", "-pix_fmt", "gray", "-fps_mode", "passthrough", "-"]
     raw = subprocess.run(command, capture_output=True, check=True).stdout
-    return np.frombuffer(raw, dtype=np.uint8).reshape(-1, SIZE[1], SIZE[0])
+    return np.frombuffer(raw, dtype=np.uint8).reshape(-1, size[1], size[0])
 
 
 def decoded_sound(path, rate: int = 48000) -> np.ndarray:
