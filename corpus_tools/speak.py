@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 DEFAULT_MODEL = "cohen-massaro"
 MEASURED = "measured"
 # So many frames are drawn before another process pays.
-_FRAMES_A_PROCESS = 120
+_FRAMES_A_PROCESS = 250
 
 
 @dataclass(frozen=True)

@@ -176,6 +176,26 @@ class TestLabelsAndTracks:
         assert [head["head"] for head in report["heads"]] == ["measured", "Rule-based"]
         assert report["size"][0] == 128
 
+    def test_markers_of_a_recording_are_drawn_where_they_are_on_the_face(
+        self, tmp_path, session, capsys
+    ):
+        from matplotlib.image import imread
+
+        call = ["speak", "--tracks", session.truth[0], "--size", 128]
+        assert run(*call, "--out", tmp_path / "plain") == 0
+        call += ["--markers", session.recordings[0], "--reference", session.reference]
+        assert run(*call, "--layout", session.layout, "--out", tmp_path / "marked") == 0
+        plain, marked = (
+            np.rint(255 * imread(tmp_path / name / "frame_000005.png")[..., :3]).astype(int)
+            for name in ("plain", "marked")
+        )
+        changed = (plain != marked).any(axis=2)
+        # Some thirty balls on the face, which moves under them as they do.
+        assert 30 < changed.sum() < 2500
+        blue = marked[changed]
+        assert (blue[:, 2] > blue[:, 0]).mean() > 0.6
+        assert run(*call, "--out", tmp_path / "a") == 2
+
     def test_two_models_of_a_kind_are_told_apart(self, tmp_path, labels, capsys):
         for name in ("one", "two"):
             RuleBased().ready("en-arpabet").save(tmp_path / f"{name}.model")
