@@ -19,7 +19,9 @@ from mocap_fit.sound import Sound, energy_db, synchronise
 from mocap_fit.tracks import MarkerTracks
 
 # By which part the rates of a recording and of the manifest may differ: more is no rounding.
-_SAME_RATE = 1e-3
+_SAME_RATE = 5e-4
+# Millionths: what two clocks of quartz may differ by.
+_USUAL_DRIFT = 300.0
 # Seconds by which a label may reach beyond the recording or the sound.
 _BEYOND = 0.02
 _SHOWN = 3
@@ -133,6 +135,12 @@ def notes_on_clock(sync: Mapping[str, Any], frames: int) -> list[str]:
         notes.append(
             f"the start time {sync['start_time']:.3f} s is an estimate (correlation "
             f"{sync['correlation']:.2f}), not a measurement"
+        )
+    drift = sync.get("drift_ppm") or 0.0
+    if abs(drift) > _USUAL_DRIFT:
+        notes.append(
+            f"the clocks of recording and sound are {drift:+.0f} millionths apart: is the "
+            "recording's frame rate right?"
         )
     if sync.get("missing"):
         notes.append(f"{sync['missing']} of {frames} sync pulses are missing")

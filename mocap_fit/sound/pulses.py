@@ -131,28 +131,12 @@ def decode_pulses(
     through all gives the clock. Which pulse is the first frame's is a question of likelihood:
     each place of the train has a pulse, of the middle height, or has none, or, one in fifty, a
     pulse that is missing.
+
+    Hum of the mains does no harm, unless it is at the very rate of the frames and higher than a
+    fifth of the pulses.
     """
-    samples = np.asarray(channel, dtype=np.float64)
-    if samples.ndim != 1 or not np.isfinite(samples).all():
-        raise DataError(
-            "the channel of the pulses cannot be used",
-            found=samples.shape,
-            expected="(samples,), finite numbers",
-        )
-    if not (np.isfinite(frame_rate) and frame_rate > 0 and rate >= 4 * frame_rate):
-        raise DataError(
-            "pulses of this rate cannot be found in sound of that rate",
-            found=f"{frame_rate} frames/s, {rate} samples/s",
-            expected="four samples a frame or more",
-        )
-    if frames is not None and len(samples) < (frames - 1) * rate / frame_rate * (1 - largest_drift):
-        raise DataError(
-            "the sound is too short for the frames of the recording",
-            found=f"{len(samples) / rate:.3f} s of sound",
-            expected=f"{frames} frames, {frames / frame_rate:.3f} s",
-        )
-    period = rate / frame_rate
-    grid = find_grid(samples, period, largest_drift)
+    samples = _checked(channel, rate, frame_rate, frames, largest_drift)
+    grid = find_grid(samples, rate / frame_rate, largest_drift)
     if grid is None:
         raise _no_pulses(samples, rate, frame_rate)
     samples = grid.sign * samples
@@ -198,6 +182,31 @@ def decode_pulses(
         residual,
         float(20 * np.log10(scale / max(noise, 1e-6 * scale))),
     )
+
+
+def _checked(
+    channel: ArrayLike, rate: float, frame_rate: float, frames: int | None, largest_drift: float
+) -> FloatArray:
+    samples = np.asarray(channel, dtype=np.float64)
+    if samples.ndim != 1 or not np.isfinite(samples).all():
+        raise DataError(
+            "the channel of the pulses cannot be used",
+            found=samples.shape,
+            expected="(samples,), finite numbers",
+        )
+    if not (np.isfinite(frame_rate) and frame_rate > 0 and rate >= 4 * frame_rate):
+        raise DataError(
+            "pulses of this rate cannot be found in sound of that rate",
+            found=f"{frame_rate} frames/s, {rate} samples/s",
+            expected="four samples a frame or more",
+        )
+    if frames is not None and len(samples) < (frames - 1) * rate / frame_rate * (1 - largest_drift):
+        raise DataError(
+            "the sound is too short for the frames of the recording",
+            found=f"{len(samples) / rate:.3f} s of sound",
+            expected=f"{frames} frames, {frames / frame_rate:.3f} s",
+        )
+    return samples
 
 
 def _slots(clock: _Clock, width: int, length: int) -> NDArray[np.int64]:

@@ -186,6 +186,20 @@ def test_missing_and_doubled_pulses_are_noted(own):
     assert after.tracks.start_time == pytest.approx(before.start_time, abs=1e-4)
 
 
+def test_clocks_that_are_far_apart_are_noted(own):
+    """A rate that is rounded wrongly looks like a clock that is slow."""
+    lab, corpus = own
+    manifest, path = lab / "manifest.toml", lab / "recordings" / "sim002.tsv"
+    manifest.write_text(manifest.read_text().replace("rate = 30.0\n", ""))
+    write_qualisys_tsv(read_tracks(path).replace(rate=30.03), path)
+    for name in ("sim001", "sim003"):
+        (lab / "recordings" / f"{name}.tsv").unlink()
+    assert convert(lab, corpus) == 1
+    (utterance,) = open_corpus(corpus)
+    assert any("millionths apart" in line for line in utterance.checks)
+    assert utterance.tracks.rate == pytest.approx(30.0, rel=1e-4)
+
+
 class TestAgain:
     def test_nothing_is_done_twice(self, own, capsys):
         lab, corpus = own

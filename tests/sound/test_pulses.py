@@ -109,6 +109,14 @@ def test_mains_hum_and_crosstalk(make_train):
     assert root_mean_square(train, found) < 0.05
 
 
+@pytest.mark.parametrize("width", [24, 200])
+def test_hum_at_the_rate_of_the_frames(make_train, width):
+    train = make_train(drift_ppm=200, width=width)
+    hum = 0.1 * np.sin(2 * np.pi * 60 * np.arange(len(train.channel)) / 48000 + 1)
+    found = decode_pulses(train.channel + hum, 48000, 60.0, 240)
+    assert root_mean_square(train, found) < 0.05
+
+
 def test_pulses_that_are_not_even_are_followed_where_they_are_clear(make_train):
     rng = np.random.default_rng(1)
     train = make_train()
