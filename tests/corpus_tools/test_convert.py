@@ -6,6 +6,10 @@ import json
 import os
 import re
 import shutil
+import signal
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pandas as pd
@@ -314,6 +318,25 @@ class TestAgain:
         assert convert(lab, tmp_path) == 1
         assert "no corpus of a former conversion" in capsys.readouterr().err
         assert list(sums(tmp_path)) == ["audio/mine.wav"]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_killed_and_resumed_it_is_the_same(lab, corpus, tmp_path):
+    out = tmp_path / "out"
+    program = "import sys; from corpus_tools.cli import main; sys.exit(main())"
+    for jobs, files in (("1", 2), ("2", 6), ("1", 11)):
+        process = subprocess.Popen(
+            [sys.executable, "-c", program, "convert", lab, "--out", out, "--jobs", jobs],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        while process.poll() is None and len(list(out.glob("*/*"))) < files:
+            time.sleep(0.005)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    assert convert(lab, out) == 0
+    assert sums(out) == sums(corpus)
 
 
 class TestSplits:
