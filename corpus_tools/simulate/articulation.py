@@ -152,7 +152,8 @@ class Articulator:
         self._lips = LipDistance.of(face)
         noise = self.table.speaker
         self._left_right = noise.left_right * float(np.clip(rng.standard_normal(), -2, 2))
-        self._habit = noise.jaw_shift_habit * float(np.clip(rng.standard_normal(), -2, 2))
+        side = 1.0 if rng.random() < 0.5 else -1.0
+        self._habit = noise.jaw_shift_habit * side * float(rng.uniform(0.6, 1.4))
         self._neutral = np.array([self.table.neutral.targets.get(n, 0.0) for n in self.names])
         self._setting = noise.setting * rng.standard_normal(len(self.names))
 
