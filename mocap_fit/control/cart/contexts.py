@@ -244,18 +244,15 @@ def _nearest(levels: ByteArray, resists: NDArray[np.bool_], at: int, reach: int)
     """Levels of the nearest resistant phones in a direction, `(segments, parameters)`."""
     if at > 0:
         return _nearest(levels[::-1], resists[::-1], -at, reach)[::-1]
-    count = len(levels)
-    found = np.zeros(resists.shape, dtype=np.uint8)
-    for p in range(resists.shape[1]):
-        places = np.flatnonzero(resists[:, p])
-        # How many resistant phones lie before each segment; the one that is wanted is the last
-        # of them, or the one before it.
-        wanted = np.searchsorted(places, np.arange(count)) + at
-        is_near = wanted >= 0
-        near = places[wanted[is_near]]
-        is_near[is_near] = np.flatnonzero(is_near) - near <= reach
-        found[is_near, p] = levels[places[wanted[is_near]]]
-    return found
+    count, parameters = resists.shape
+    # A row of nothing stands before the first segment.
+    last = np.where(resists, np.arange(1, count + 1)[:, None], 0)
+    last = np.concatenate([np.zeros((1, parameters), np.int64), np.maximum.accumulate(last)])
+    places, columns = last[:-1], np.arange(parameters)
+    for _ in range(-at - 1):
+        places = last[np.maximum(places - 1, 0), columns]
+    is_near = (places > 0) & (np.arange(1, count + 1)[:, None] - places <= reach)
+    return np.where(is_near, levels[np.maximum(places - 1, 0)], 0).astype(np.uint8)
 
 
 def targets(tracks: ParameterTracks, phones: PhoneSequence) -> FloatArray:

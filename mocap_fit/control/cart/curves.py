@@ -2,60 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Mapping
 
 import numpy as np
 
-from mocap_fit.errors import ConfigurationError
+from mocap_fit.control.cart.closures import Closure
 from mocap_fit.tracks import FloatArray
 
 INTERPOLATIONS = ("cubic", "linear", "cosine")
 # The bell that smooths: its places in standard deviations, and its weights.
 _PLACES = np.linspace(-2.0, 2.0, 9)
 _WEIGHTS = np.exp(-0.5 * _PLACES**2) / np.exp(-0.5 * _PLACES**2).sum()
-
-
-class Closure(NamedTuple):
-    """What a parameter keeps to in the middle of a bilabial stop.
-
-    Parameters
-    ----------
-    bound
-        Where the lips are closed, in the unit of the parameter.
-    opening
-        1 where the lips open with greater values, -1 where they open with smaller ones.
-    """
-
-    bound: float
-    opening: int
-
-    def kept(self, value: FloatArray) -> FloatArray:
-        """Values that are not more open than the bound."""
-        return np.minimum(value, self.bound) if self.opening > 0 else np.maximum(value, self.bound)
-
-
-def learned_closure(of_stops: FloatArray, of_others: FloatArray) -> Closure | None:
-    """Where lips are closed, as a corpus has it.
-
-    Parameters
-    ----------
-    of_stops
-        Targets of bilabial stops; NaN where missing.
-    of_others
-        Targets of vowels.
-
-    Returns
-    -------
-    Closure | None
-        At the median of the stops; open is where the median of the vowels is. None without stops.
-    """
-    stops, others = of_stops[np.isfinite(of_stops)], of_others[np.isfinite(of_others)]
-    if not len(stops):
-        return None
-    bound = float(np.median(stops))
-    is_below = len(others) > 0 and float(np.median(others)) < bound
-    return Closure(bound, -1 if is_below else 1)
 
 
 def curve(
@@ -158,26 +115,3 @@ def _interpolated(
 def smoothing_reach(smoothing: float) -> float:
     """How far from a moment smoothing looks, seconds."""
     return float(_PLACES[-1]) * smoothing
-
-
-def check_closures(closures: Mapping[str, object], parameter_names: Sequence[str]) -> None:
-    """Refuse closures that cannot be.
-
-    Raises
-    ------
-    ConfigurationError
-        If a parameter is unknown, or a bound is neither ``learned`` nor a number.
-    """
-    for name, bound in closures.items():
-        if name not in parameter_names:
-            raise ConfigurationError(
-                f"there is no parameter '{name}' to guarantee a closure of",
-                expected=f"some of {', '.join(parameter_names)}",
-            )
-        is_number = isinstance(bound, (int, float)) and not isinstance(bound, bool)
-        if bound != "learned" and not (is_number and np.isfinite(float(str(bound)))):
-            raise ConfigurationError(
-                f"the closure of '{name}' is neither learned nor a number",
-                found=bound,
-                expected='"learned", or a value of the parameter',
-            )

@@ -128,7 +128,7 @@ def grow(
     Grown
         One node at least.
     """
-    chosen = np.flatnonzero(folds != held_out)
+    chosen = np.arange(len(folds)) if held_out < 0 else np.flatnonzero(folds != held_out)
     # Rounding is least about the mean, which is put back at the end.
     middle = float(targets[chosen].mean())
     centred = targets - middle
@@ -136,15 +136,13 @@ def grow(
     centred[np.abs(centred) <= 1e-12 * abs(middle)] = 0.0
     size = int(asked.sizes.max()) if len(asked.sizes) else 1
     room = 2 * len(chosen) + 1
+    # What growing does not reach is never looked at.
     tree = Grown(
-        np.full(room, -1, dtype=np.int64),
-        np.full((room, size), UNSEEN, dtype=np.uint8),
-        np.full((room, 2), -1, dtype=np.int64),
-        np.zeros(room, dtype=np.int64),
-        np.zeros(room),
-        np.zeros(room),
-        np.zeros(room),
-        np.zeros(room),
+        np.empty(room, dtype=np.int64),
+        np.empty((room, size), dtype=np.uint8),
+        np.empty((room, 2), dtype=np.int64),
+        np.empty(room, dtype=np.int64),
+        *(np.empty(room) for _ in range(4)),
     )
     run = _grow if use_numba and HAS_NUMBA else _grow_plainly
     nodes = run(
@@ -193,9 +191,12 @@ def _grow(  # type: ignore[no-untyped-def]  # numba infers the types
     # The examples of a node lie together, from its start to its end.
     lying = chosen.copy()
     aside = np.empty(examples, np.int64)
-    starts = np.zeros(2 * examples + 1, np.int64)
-    ends = np.zeros(2 * examples + 1, np.int64)
-    ends[0] = examples
+    starts = np.empty(2 * examples + 1, np.int64)
+    ends = np.empty(2 * examples + 1, np.int64)
+    starts[0], ends[0] = 0, examples
+    # Of each, by how much its target is off the node's mean, and its fold.
+    off = np.empty(examples)
+    own_fold = np.empty(examples, np.int64)
     # Histograms of one attribute: by level, and by level and fold.
     n, s = np.zeros(size), np.zeros(size)
     n_fold, s_fold = np.zeros((size, fold_count)), np.zeros((size, fold_count))
@@ -221,14 +222,18 @@ def _grow(  # type: ignore[no-untyped-def]  # numba infers the types
         total = 0.0
         for i in range(start, end):
             example = lying[i]
-            value = targets[example] - mean
+            value, fold = targets[example] - mean, folds[example]
+            off[i], own_fold[i] = value, fold
             error += value * value
             total += value
-            of_n[folds[example]] += 1.0
-            of_s[folds[example]] += value
+            of_n[fold] += 1.0
+            of_s[fold] += value
         over = surplus(of_n, of_s, count, total)
         counts[node], means[node] = end - start, mean
         errors[node], validated[node] = error, error + over
+        questions[node], gains[node] = -1, 0.0
+        children[node, 0], children[node, 1] = -1, -1
+        sides[node, :] = UNSEEN
         same = _SAME * error
         best, best_question = least_gain * (error + over) / count, -1
         last, kept = -1, 0
@@ -241,10 +246,7 @@ def _grow(  # type: ignore[no-untyped-def]  # numba infers the types
                 for level in range(sizes[attribute]):
                     n[level] = 0.0
                 for i in range(start, end):
-                    example = lying[i]
-                    level = row[example]
-                    fold = folds[example]
-                    value = targets[example] - mean
+                    level, fold, value = row[lying[i]], own_fold[i], off[i]
                     if n[level] == 0.0:
                         s[level] = 0.0
                         for f in range(fold_count):
@@ -406,6 +408,8 @@ def _grow_plainly(
         error, over = float(values @ values), float(surpluses(of_n, of_s))
         tree.counts[node], tree.means[node] = len(examples), mean
         tree.errors[node], tree.validated[node] = error, error + over
+        tree.questions[node], tree.children[node], tree.gains[node] = -1, -1, 0.0
+        tree.sides[node] = UNSEEN
         if len(examples) <= smallest or not over < np.inf or error <= _SAME * tree.errors[0]:
             continue
         same = _SAME * error

@@ -32,7 +32,7 @@ from mocap_fit.tracks import FloatArray
 #: Bins that the numbers of a tree are divided into at most.
 BINS = 32
 #: Held-out targets that tell how strongly to prune all trees together.
-ENOUGH = 20_000
+ENOUGH = 10_000
 #: Examples that a tree of many phones is grown from at most.
 MOST_POOLED = 2_000
 #: Examples a phone has before its variance is believed.
@@ -169,11 +169,8 @@ def collect(
     """All segments with their attributes and targets."""
     phone_set = reader.alphabet.phone_set
     columns = [reader.columns(sequence) for sequence in phones]
-    symbol_of = {
-        (segment.phone, segment.stress): phone_set.symbol(segment, by_stress)
-        for sequence in phones
-        for segment in sequence
-    }
+    kinds = {(s.phone, s.stress): s for sequence in phones for s in sequence}
+    symbol_of = {key: phone_set.symbol(segment, by_stress) for key, segment in kinds.items()}
     symbols = [symbol_of[s.phone, s.stress] for sequence in phones for s in sequence]
     return Examples(
         np.array(symbols, dtype=np.str_),
@@ -235,6 +232,8 @@ class Grower:
             [alphabet.members(q.phone_class, q.phones) for q in questions], dtype=np.uint8
         )
         self._asked = Asked(of, np.array(kinds, dtype=np.int64), members, np.zeros(0, np.int64))
+        groups = alphabet.groups()
+        self._groups = np.array([1 + GROUPS.index(g) if g else 0 for g in groups], dtype=np.int64)
         self._of_sound = np.array([q.attribute.needs_sound for q in questions], dtype=np.bool_)
 
     def samples(self, key_of: str, rows: IntArray, pooled: bool = False) -> list[_Sample]:
@@ -261,7 +260,7 @@ class Grower:
         by_parameter: list[int] = []
         for a, (column, is_phone) in enumerate(zip(columns, self._are_phones, strict=True)):
             if not is_phone:
-                levels[a], edges[a] = _binned(column[rows])
+                levels[a], edges[a] = binned(column[rows])
                 sizes[a] = len(edges[a]) + 2
             elif column.ndim == 1:
                 levels[a] = column[rows]
@@ -314,7 +313,7 @@ class Grower:
             sample.asked.members,
             sample.asked.attributes.tolist(),
             sample.edges,
-            self.alphabet.groups(),
+            self._groups,
         )
 
     def judged(self, sample: _Sample, fold: int, strengths: FloatArray) -> Judged | None:
@@ -468,16 +467,32 @@ def _pooled_samples(grower: Grower, grown: set[tuple[str, int]], by_stress: bool
     return found
 
 
-def _binned(values: FloatArray) -> tuple[ByteArray, FloatArray]:
-    """Numbers as levels, and the bounds between them; what is unknown comes after the last."""
-    known = values[np.isfinite(values)]
-    distinct = np.unique(known)
-    if len(distinct) <= BINS:
-        edges = 0.5 * (distinct[1:] + distinct[:-1])
-    else:
-        edges = np.unique(np.quantile(known, np.arange(1, BINS) / BINS))
+def binned(values: FloatArray) -> tuple[ByteArray, FloatArray]:
+    """Numbers as levels.
+
+    Parameters
+    ----------
+    values
+        `(examples,)`; NaN is unknown.
+
+    Returns
+    -------
+    levels
+        `(examples,)`: which of at most `BINS` bins; what is unknown comes after the last.
+    edges
+        The bounds between the bins.
+    """
+    is_known = np.isfinite(values)
+    ordered = np.sort(values[is_known])
+    # Where one number ends and the next begins; of many such places as many as there are bins.
+    steps = np.flatnonzero(ordered[1:] > ordered[:-1])
+    if len(steps) >= BINS:
+        wanted = np.arange(1, BINS) * len(ordered) / BINS
+        near = np.minimum(np.searchsorted(steps + 1, wanted), len(steps) - 1)
+        steps = np.unique(steps[near])
+    edges = 0.5 * (ordered[steps] + ordered[steps + 1])
     levels = np.searchsorted(edges, values, side="left")
-    return np.where(np.isfinite(values), levels, len(edges) + 1).astype(np.uint8), edges
+    return np.where(is_known, levels, len(edges) + 1).astype(np.uint8), edges
 
 
 def _spread(count: int) -> list[int]:

@@ -17,15 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.control.base import ControlModel, LogEntry, Progress
+from mocap_fit.control.cart.closures import Closure, check_closures, learned_closures
 from mocap_fit.control.cart.contexts import Alphabet, ContextReader, energies
-from mocap_fit.control.cart.curves import (
-    INTERPOLATIONS,
-    Closure,
-    check_closures,
-    curve,
-    learned_closure,
-    smoothing_reach,
-)
+from mocap_fit.control.cart.curves import INTERPOLATIONS, curve, smoothing_reach
 from mocap_fit.control.cart.learning import (
     Examples,
     Grower,
@@ -48,7 +42,7 @@ from mocap_fit.control.cart.questions import (
     standard_questions,
 )
 from mocap_fit.control.cart.stream import CentreStream
-from mocap_fit.control.cart.tree import Tree, packed, unpacked
+from mocap_fit.control.cart.tree import Forest, Tree, packed, unpacked
 from mocap_fit.control.streaming import Stream
 from mocap_fit.corpus import Corpus
 from mocap_fit.errors import ConfigurationError, DataError
@@ -149,7 +143,7 @@ class Cart(ControlModel):
 
     smallest: int = 5
     folds: int = 10
-    least_gain: float = 3.0
+    least_gain: float = 4.0
     pruning: str = "together"
     one_standard_error: bool = False
     phone_order: str = "tree"
@@ -250,9 +244,8 @@ class Cart(ControlModel):
             self.seed,
         )
         grower = Grower(examples, questions, self._reader.attributes, alphabet, growth)
-        #: The trees, by phone and parameter.
-        self.trees_: dict[TreeKey, Tree] = {}
-        self.trees_, judged = learn(grower, self.by_stress)
+        trees, judged = learn(grower, self.by_stress)
+        self._plant(trees)
         #: Held-out squared error at each strength of pruning, `(strengths, 2)`; empty where none
         #: was sought for all trees. In variances of the parameter, per target.
         self.pruning_curve_: FloatArray = np.zeros((0, 2))
@@ -260,7 +253,13 @@ class Cart(ControlModel):
             self.pruning_curve_ = np.stack([judged.strengths, judged.errors / judged.count], axis=1)
         #: The strength of pruning of all trees; NaN where each has its own.
         self.strength_ = judged.best(self.one_standard_error) if judged is not None else math.nan
-        self.closures_: dict[int, Closure] = self._learned_closures(examples)
+        self.closures_: dict[int, Closure] = learned_closures(
+            self.closures,
+            self.parameter_names_,
+            examples.symbols,
+            examples.targets,
+            self.phone_set_,
+        )
         self._report(examples, validation, progress)
 
     def _prepare(
@@ -279,28 +278,6 @@ class Cart(ControlModel):
         self._reader = ContextReader(
             attributes, alphabet, resists, self.parameter_names_, by_phone_set, self.reach
         )
-        self._chains: dict[str, list[tuple[str, bool]]] = {}
-
-    def _learned_closures(self, examples: Examples) -> dict[int, Closure]:
-        classes = {str(s): self.phone_set_.classes(str(s)) for s in np.unique(examples.symbols)}
-        is_stop = np.array(["bilabial_stop" in classes[str(s)] for s in examples.symbols])
-        is_vowel = np.array(["vowel" in classes[str(s)] for s in examples.symbols])
-        found: dict[int, Closure] = {}
-        for name, bound in self.closures.items():
-            place = self.parameter_names_.index(name)
-            values = examples.targets[:, place]
-            closure = learned_closure(values[is_stop], values[is_vowel])
-            if bound != "learned":
-                found[place] = Closure(float(bound), closure.opening if closure else 1)
-            elif closure is None:
-                raise DataError(
-                    f"the closure of '{name}' cannot be learned",
-                    found="no bilabial stop with a target",
-                    advice="Give the value at which the lips are closed.",
-                )
-            else:
-                found[place] = closure
-        return found
 
     def _report(self, examples: Examples, validation: Corpus | None, progress: Progress) -> None:
         """Two lines for the log: every phone's mean as its target, and what the trees say."""
@@ -327,6 +304,15 @@ class Cart(ControlModel):
             return None, None
         roots, leaves = np.sqrt((np.array(off) ** 2).mean(axis=0))
         return float(roots), float(leaves)
+
+    @property
+    def alphabet(self) -> Alphabet:
+        """The phones that the trees know, as levels."""
+        return self._reader.alphabet
+
+    def attribute_of(self, question: int) -> int:
+        """Which attribute one of `questions_` is about, as `Chosen.values` counts them."""
+        return self._of_attribute[question]
 
     # -- predicting ----------------------------------------------------------------------------
 
@@ -371,11 +357,35 @@ class Cart(ControlModel):
 
         A phone for which nothing can be backed off to is at rest, 0.
         """
-        found = np.zeros((len(phones), len(self.parameter_names_)))
-        for each in self.chosen(phones):
-            if each.key is not None:
-                found[each.segment, each.parameter] = self.trees_[each.key].means[each.path[-1]]
-        return found
+        audible = np.isfinite(energies(phones))
+        symbols = [self.phone_set_.symbol(segment, self.by_stress) for segment in phones]
+        rows = [
+            self._row(symbol, heard)
+            for symbol, heard in zip(symbols, audible.tolist(), strict=True)
+        ]
+        columns = self._reader.columns(phones)
+        values = np.empty((len(phones), len(columns), len(self.parameter_names_)))
+        for a, column in enumerate(columns):
+            values[:, a] = column if column.ndim == 2 else column[:, None]
+        return self._forest.answers(np.array(rows, dtype=np.int64), values)
+
+    def _row(self, symbol: str, audible: bool) -> list[int]:
+        """Which tree says each parameter of a phone; -1 for none."""
+        if (symbol, audible) not in self._rows:
+            keys = [self._key(symbol, p, audible) for p in range(len(self.parameter_names_))]
+            numbers = {key: number for number, key in enumerate(self.trees_)}
+            self._rows[symbol, audible] = [-1 if key is None else numbers[key] for key in keys]
+        return self._rows[symbol, audible]
+
+    def _plant(self, trees: dict[TreeKey, Tree]) -> None:
+        """Take trees, and make ready what answers fast."""
+        #: The trees, by phone and parameter.
+        self.trees_ = trees
+        self._chains: dict[str, list[tuple[str, bool]]] = {}
+        self._rows: dict[tuple[str, bool], list[int]] = {}
+        self._forest = Forest(
+            list(trees.values()), self._of_attribute, self._are_phones, self._reader.alphabet.levels
+        )
 
     def _predict(self, phones: PhoneSequence, times: FloatArray) -> FloatArray:
         starts, ends = phones.starts, phones.ends
@@ -459,7 +469,7 @@ class Cart(ControlModel):
         if any(int(tree.questions.max()) >= len(questions) for tree in trees):
             raise ValueError("a tree asks a question that there is not")
         keys = [TreeKey(str(of), int(p), bool(a), bool(b)) for of, p, a, b in values["trees"]]
-        self.trees_ = dict(zip(keys, trees, strict=True))
+        self._plant(dict(zip(keys, trees, strict=True)))
         self.closures_ = {
             int(place): Closure(float(bound), int(opening))
             for place, bound, opening in values["closures"]

@@ -137,12 +137,9 @@ def pruned(tree: Grown, strength: float) -> Grown:
     stays = (tree.questions >= 0) & (strengths_of(tree) >= strength)
     kept = np.zeros(len(stays), dtype=np.bool_)
     kept[0] = True
-    # Parents come before their children.
-    for node in np.flatnonzero(stays):
-        if kept[node]:
-            kept[tree.children[node]] = True
+    # No cut is stronger than one above it: what stays hangs together.
+    kept[tree.children[stays]] = True
     numbers = np.cumsum(kept) - 1
-    stays = stays & kept
     children = np.where(stays[:, None], numbers[tree.children], -1)
     questions = np.where(stays, tree.questions, -1)
     gains = np.where(stays, tree.gains, 0.0)

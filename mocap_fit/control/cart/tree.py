@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_fit.control.cart.contexts import KIND_OF_GROUP, ByteArray
+from mocap_fit.control.cart.contexts import GROUPS, KIND_OF_GROUP, ByteArray
+from mocap_fit.control.cart.gains import compiled
 from mocap_fit.control.cart.growing import LEFT, RIGHT, UNSEEN, Grown, IntArray
 from mocap_fit.control.cart.questions import Question
 from mocap_fit.tracks import FloatArray
@@ -123,7 +123,7 @@ def finished(
     members: ByteArray,
     attributes: Sequence[int],
     edges: Mapping[int, FloatArray],
-    groups: Sequence[str],
+    groups: IntArray,
 ) -> Tree:
     """A grown tree as it is kept: bounds as numbers, and a side for every phone.
 
@@ -145,31 +145,35 @@ def finished(
     edges
         Of each attribute that is a number, the bounds between its bins.
     groups
-        `(levels,)`: the group of each level of the alphabet.
+        `(levels,)`: the group of each level of the alphabet, from 1 in the order of `GROUPS`; 0
+        for no phone.
     """
     nodes, levels = len(grown.questions), len(groups)
     bounds = np.zeros(nodes)
     sides = np.zeros((nodes, levels), dtype=np.uint8)
     unknown = np.zeros(nodes, dtype=np.uint8)
     seen = np.zeros((nodes, levels), dtype=np.bool_)
-    asked = np.full(nodes, -1, dtype=np.int64)
-    for node in np.flatnonzero(grown.questions >= 0).tolist():
-        local = int(grown.questions[node])
-        question = questions[numbers[local]]
-        asked[node] = numbers[local]
-        counts = grown.counts[grown.children[node]]
-        larger = LEFT if counts[LEFT] >= counts[RIGHT] else RIGHT
-        found = grown.sides[node]
-        if not question.attribute.is_phone:
-            own = edges[attributes[local]]
-            bounds[node], unknown[node] = _bound(found, own, larger)
-            continue
-        found = found[:levels]
-        seen[node] = found != UNSEEN
-        if question.is_open:
-            sides[node] = _backed_off(found, groups, larger)
-        else:
-            sides[node] = np.where(members[local, :levels] > 0, LEFT, RIGHT)
+    is_inner = grown.questions >= 0
+    asked = np.where(is_inner, np.array(numbers)[grown.questions], -1)
+    is_open = np.array([questions[number].is_open for number in numbers])
+    is_phone = np.array([questions[number].attribute.is_phone for number in numbers])
+    larger = np.where(
+        is_inner & (grown.counts[grown.children[:, 1]] > grown.counts[grown.children[:, 0]]),
+        RIGHT,
+        LEFT,
+    ).astype(np.uint8)
+    about_phones = np.flatnonzero(is_inner & is_phone[grown.questions])
+    found = grown.sides[about_phones, :levels]
+    seen[about_phones] = found != UNSEEN
+    fixed = members[grown.questions[about_phones], :levels] == 0
+    sides[about_phones] = np.where(
+        is_open[grown.questions[about_phones], None],
+        _backed_off(found, groups, larger[about_phones]),
+        fixed,
+    )
+    for node in np.flatnonzero(is_inner & ~is_phone[grown.questions]).tolist():
+        own = edges[attributes[grown.questions[node]]]
+        bounds[node], unknown[node] = _bound(grown.sides[node], own, int(larger[node]))
     return Tree(
         asked,
         bounds,
@@ -196,19 +200,22 @@ def _bound(found: ByteArray, edges: FloatArray, larger: int) -> tuple[float, int
     return float(0.5 * (edges[left] + edges[right - 1])), unknown
 
 
-def _backed_off(found: ByteArray, groups: Sequence[str], larger: int) -> ByteArray:
-    sides = found.copy()
-    votes: Counter[str] = Counter()
-    for level in np.flatnonzero(found != UNSEEN).tolist():
-        vote = 1 if found[level] == RIGHT else -1
-        if groups[level]:
-            votes[groups[level]] += vote
-            votes["kind " + KIND_OF_GROUP[groups[level]]] += vote
-    for level in np.flatnonzero(found == UNSEEN).tolist():
-        group = groups[level]
-        decided = (votes[group] or votes["kind " + KIND_OF_GROUP[group]]) if group else 0
-        sides[level] = larger if decided == 0 else (RIGHT if decided > 0 else LEFT)
-    return sides
+def _backed_off(found: ByteArray, groups: IntArray, larger: ByteArray) -> ByteArray:
+    """A side for every level of some nodes: its own, or its group's, its kind's, the larger."""
+    has = found != UNSEEN
+    votes = np.where(has, 2.0 * found - 1.0, 0.0)
+    by_group = votes @ (groups[:, None] == np.arange(len(GROUPS) + 1))
+    by_kind = by_group @ (_KINDS[:, None] == np.arange(len(GROUPS) + 1))
+    decided = np.where(by_group != 0, by_group, by_kind[:, _KINDS])
+    decided[:, 0] = 0.0
+    asked = np.where(decided == 0, larger[:, None], np.where(decided > 0, RIGHT, LEFT))
+    return np.where(has, found, asked[:, groups]).astype(np.uint8)
+
+
+# The number of each group's kind; 0 is no phone, which has none.
+_KINDS = np.array(
+    [0, *(1 + sorted(set(KIND_OF_GROUP.values())).index(KIND_OF_GROUP[g]) for g in GROUPS)]
+)
 
 
 _PLACED = ("questions", "bounds", "sides", "unknown", "children", "seen")
@@ -274,3 +281,81 @@ def unpacked(arrays: Mapping[str, np.ndarray[Any, Any]], levels: int) -> list[Tr
             raise ValueError("a tree's nodes do not follow each other")
         found.append(tree)
     return found
+
+
+class Forest:
+    """All trees of a model, for answering many questions at once.
+
+    Parameters
+    ----------
+    trees
+        In order.
+    of_attribute
+        Of each question, which attribute it is about.
+    are_phones
+        Of each attribute, whether it is a phone.
+    levels
+        Of the alphabet.
+    """
+
+    def __init__(
+        self,
+        trees: Sequence[Tree],
+        of_attribute: Sequence[int],
+        are_phones: Sequence[bool],
+        levels: int,
+    ) -> None:
+        whole = packed(trees, levels)
+        asked = whole["node_questions"].astype(np.int64)
+        attributes = np.array([*of_attribute, -1], dtype=np.int64)[asked]
+        self._arrays = (
+            whole["tree_starts"],
+            attributes,
+            np.array([*are_phones, False])[attributes],
+            whole["node_bounds"],
+            np.unpackbits(whole["node_sides"].astype(np.uint8), axis=-1, count=levels),
+            whole["node_unknown"].astype(np.uint8),
+            whole["node_children"].astype(np.int64),
+            whole["node_means"],
+        )
+
+    def answers(self, trees: IntArray, values: FloatArray) -> FloatArray:
+        """What trees say of segments.
+
+        Parameters
+        ----------
+        trees
+            `(segments, parameters)`: which tree, from 0; -1 for none.
+        values
+            `(segments, attributes, parameters)`: levels of the alphabet, or numbers.
+
+        Returns
+        -------
+        FloatArray
+            `(segments, parameters)`; 0 where there is no tree.
+        """
+        found = np.zeros(trees.shape)
+        _answer(trees, values, *self._arrays, found)
+        return found
+
+
+@compiled
+def _answer(  # type: ignore[no-untyped-def]  # numba infers the types
+    trees, values, starts, attributes, are_phones, bounds, sides, unknown, children, means, found
+):
+    for segment in range(trees.shape[0]):
+        for parameter in range(trees.shape[1]):
+            if trees[segment, parameter] < 0:
+                continue
+            start = starts[trees[segment, parameter]]
+            node = start
+            while attributes[node] >= 0:
+                value = values[segment, attributes[node], parameter]
+                if are_phones[node]:
+                    side = sides[node, int(value)]
+                elif np.isnan(value):
+                    side = unknown[node]
+                else:
+                    side = 0 if value <= bounds[node] else 1
+                node = start + children[node, side]
+            found[segment, parameter] = means[node]
