@@ -39,7 +39,9 @@ def open_folder(out: Path) -> Iterator[None]:
     """
     console.make_folder(out)
     there = {path.name for path in out.iterdir()}
-    if there and _OURS not in there:
+    # Hidden files are lost where a corpus is packed and sent.
+    ours = _OURS in there or {DESCRIPTION_FILE, UTTERANCES_FILE} <= there
+    if there and not ours:
         raise ConfigurationError(
             "the folder for the corpus is not empty, and is no corpus of a former conversion",
             path=out,

@@ -294,6 +294,14 @@ class TestAgain:
         assert [u.id for u in open_corpus(corpus)] == ["sim001", "sim003"]
         assert not [name for name in sums(corpus) if "sim002" in name or "partial" in name]
 
+    def test_a_corpus_that_has_lost_its_hidden_file_goes_on(self, own, capsys):
+        lab, corpus = own
+        before = sums(corpus)
+        (corpus / ".mocap-fit-corpus").unlink()
+        assert convert(lab, corpus, "--json") == 0
+        assert report(capsys)["kept"] == 3
+        assert sums(corpus) == before
+
     def test_a_recording_in_no_row_of_the_table_is_told(self, own, capsys):
         lab, corpus = own
         shutil.copy(lab / "recordings" / "sim002.tsv", lab / "recordings" / "sim099.tsv")
