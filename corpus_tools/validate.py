@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from corpus_tools import console
 from corpus_tools.console import Status
+from mocap_fit.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from corpus_tools.validation import Context, Report
@@ -46,8 +47,15 @@ def run(
     Raises
     ------
     ConfigurationError
-        If thresholds, layout or phone set cannot be used.
+        If thresholds, layout or phone set cannot be used, or the page cannot be written.
     """
+    if page is not None and not page.absolute().parent.is_dir():
+        raise ConfigurationError(
+            "the page cannot be written",
+            path=page,
+            found="no such folder",
+            advice="Make the folder, or choose another one.",
+        )
     report = validate(paths, thresholds=thresholds, layout=layout, phone_set=phone_set)
     if page is not None:
         from corpus_tools.validation.page import write_page

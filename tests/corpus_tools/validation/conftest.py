@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from corpus_tools import cli
+from mocap_fit.corpus import read_utterances, write_utterances
 
 
 @pytest.fixture(scope="session")
@@ -28,3 +29,13 @@ def clean(recorded, tmp_path_factory) -> Path:
 def corpus(clean, tmp_path) -> Path:
     """A copy of the corpus, to be spoilt."""
     return Path(shutil.copytree(clean, tmp_path / "corpus"))
+
+
+@pytest.fixture
+def small(corpus) -> Path:
+    """Two utterances of the corpus, to be spoilt where the others do not matter."""
+    rows = [row for row in read_utterances(corpus) if row.id in ("sim002", "sim004")]
+    write_utterances(rows, corpus)
+    for path in corpus.rglob("sim00[13].*"):
+        path.unlink()
+    return corpus

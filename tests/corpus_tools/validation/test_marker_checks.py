@@ -65,7 +65,7 @@ class TestExchanges:
 
 
 class TestCoordinates:
-    @settings(deadline=None, max_examples=8)
+    @settings(deadline=None, max_examples=5)
     @given(turn=st.tuples(*[st.floats(-3, 3)] * 3), shift=st.tuples(*[st.floats(-2000, 2000)] * 3))
     def test_findings_do_not_depend_on_the_place_of_the_cameras(self, turn, shift):
         rng = np.random.default_rng(3)

@@ -5,12 +5,14 @@ import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 from spoiling import DEFECTS, change_positions
 
 from corpus_tools import cli
 from corpus_tools.validate import validate
-from corpus_tools.validation import codes, load_thresholds
+from corpus_tools.validation import Evidence, Finding, Place, Report, codes, load_thresholds
+from corpus_tools.validation.page import write_page
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.io import Label, Labels, Tier, write_labels
 from mocap_fit.tracks import read_parquet
@@ -72,7 +74,8 @@ class TestCodes:
 
     def test_every_code_is_used(self):
         folder = Path(__file__).parents[3] / "corpus_tools" / "validation"
-        source = "\n".join(path.read_text("utf-8") for path in folder.glob("*.py"))
+        files = [*folder.glob("*.py"), folder.parent / "validate.py"]
+        source = "\n".join(path.read_text("utf-8") for path in files)
         assert set(re.findall(r'"(MF\d{3})"', source)) == set(codes())
 
 
@@ -119,74 +122,88 @@ class TestThresholds:
         assert run(tmp_path, "--thresholds", tmp_path / "none.toml") == 1
         assert "none.toml" in capsys.readouterr().err
 
-    def test_severities_can_be_changed_and_codes_left_out(self, corpus, tmp_path, capsys):
-        DEFECTS["spike"](corpus, "sim002")
-        DEFECTS["no_marker_at_all"](corpus, "sim003")
-        assert run(corpus, "--json") == 1
+    def test_severities_can_be_changed_and_codes_left_out(self, small, tmp_path, capsys):
+        DEFECTS["spike"](small, "sim002")
+        DEFECTS["no_marker_at_all"](small, "sim004")
+        assert run(small, "--json") == 1
         told = json.loads(capsys.readouterr().out)
         assert told["counts"] == {"error": 1, "warning": 0, "note": 1}
         limits = self.write(tmp_path, '[severity]\nMF104 = "note"\nMF109 = "off"\n')
-        assert run(corpus, "--json", "--thresholds", limits) == 0
+        assert run(small, "--json", "--thresholds", limits) == 0
         told = json.loads(capsys.readouterr().out)
         assert told["counts"] == {"error": 0, "warning": 0, "note": 1}
         assert told["codes"] == {"MF104": 1}
 
 
 class TestReports:
-    def test_json_says_all_of_a_finding(self, corpus, capsys):
-        expected = DEFECTS["swapped"](corpus, "sim002")
-        assert run(corpus, "--json") == 1
+    def test_json_says_all_of_a_finding(self, small, capsys):
+        expected = DEFECTS["swapped"](small, "sim002")
+        assert run(small, "--json") == 1
         told = json.loads(capsys.readouterr().out)
-        assert (told["utterances"], told["clean"]) == (4, False)
+        assert (told["utterances"], told["clean"]) == (2, False)
         (finding,) = told["findings"]
         assert finding["code"] == "MF106"
         assert finding["severity"] == "error"
         assert finding["utterance"] == "sim002"
         assert finding["item"] == expected.item
         assert finding["frames"] == list(expected.frames)
-        assert finding["file"] == str(corpus / "markers" / "sim002.parquet")
+        assert finding["file"] == str(small / "markers" / "sim002.parquet")
         assert finding["seconds"][0] < finding["seconds"][1]
         assert finding["advice"]
         assert told["thresholds"]["markers"]["swap_distance"] == 4
 
-    def test_people_read_code_place_and_advice(self, corpus, capsys):
-        DEFECTS["unknown_phone"](corpus, "sim002")
-        assert run(corpus) == 1
+    def test_people_read_code_place_and_advice(self, small, capsys):
+        DEFECTS["unknown_phone"](small, "sim002")
+        assert run(small) == 1
         shown = capsys.readouterr().out
         assert "error MF207 a label is not in the phone set" in shown
         assert "'Q9'; expected a symbol of 'sv-sta'" in shown
-        assert "4 utterances checked: 1 error, 0 warnings, 0 notes" in shown
+        assert "2 utterances checked: 1 error, 0 warnings, 0 notes" in shown
 
-    def test_warnings_alone_leave_the_status_at_0(self, corpus):
-        DEFECTS["many_gaps"](corpus, "sim002")
-        assert run(corpus) == 0
+    def test_warnings_alone_leave_the_status_at_0(self, small):
+        DEFECTS["many_gaps"](small, "sim002")
+        assert run(small) == 0
 
-    def test_many_findings_of_one_kind_are_counted(self, corpus):
+    def test_many_findings_of_one_kind_are_counted(self, small):
         def change(positions, tracks):
             for frame in range(20, 200, 15):
                 positions[frame, tracks.index("chin_mid")] += 30.0
 
-        change_positions(corpus, "sim002", change)
-        spikes = [f for f in found_in(corpus) if f.code == "MF104"]
+        change_positions(small, "sim002", change)
+        spikes = [f for f in found_in(small) if f.code == "MF104"]
         assert len(spikes) == 5
         assert any(re.search(r"and \d+ more$", finding.found) for finding in spikes)
 
-    def test_the_page_holds_all_and_is_the_same_twice(self, corpus, tmp_path):
-        DEFECTS["swapped"](corpus, "sim002")
-        DEFECTS["spike"](corpus, "sim003")
+    def test_a_picture_of_a_finding(self, tmp_path):
+        times = np.arange(50) / 100
+        picture = Evidence(times, {"chin x": np.sin(times), "chin y": np.full(50, np.nan)}, "mm")
+        report = Report(load_thresholds())
+        place = Place("a.tsv", "a", "chin", (7, 9), (0.07, 0.09))
+        report.add([Finding("MF104", place, "<b>20 mm</b>", evidence=picture)])
+        report.finish()
+        write_page(report, tmp_path / "page.html")
+        text = (tmp_path / "page.html").read_text("utf-8")
+        assert "&lt;b&gt;20 mm&lt;/b&gt;" in text
+        assert "<b>20 mm" not in text
+        assert text.count("data:image/svg+xml") == 1
+
+    @pytest.mark.slow
+    def test_the_page_holds_all_and_is_the_same_twice(self, small, tmp_path):
+        DEFECTS["swapped"](small, "sim002")
+        DEFECTS["spike"](small, "sim004")
         pages = [tmp_path / "one.html", tmp_path / "two.html"]
         for page in pages:
-            assert run(corpus, "--html", page) == 1
+            assert run(small, "--html", page) == 1
         text = pages[0].read_text("utf-8")
         assert text == pages[1].read_text("utf-8")
-        for wanted in ("MF106", "MF104", "lip_corner_left and cheek_left", "sim003", "gap_share"):
+        for wanted in ("MF106", "MF104", "lip_corner_left and cheek_left", "sim004", "gap_share"):
             assert wanted in text
         # Nothing is loaded from elsewhere; two pictures of findings, and what is usual.
         assert not re.findall(r'(?:src|href)="(?!data:)', text)
         assert text.count("data:image/svg+xml") >= 8
 
-    def test_a_page_that_cannot_be_written_is_said(self, clean, tmp_path, capsys):
-        assert run(clean, "--html", tmp_path / "none" / "page.html") == 1
+    def test_a_page_that_cannot_be_written_is_said(self, small, tmp_path, capsys):
+        assert run(small, "--html", tmp_path / "none" / "page.html") == 1
         assert "the page cannot be written" in capsys.readouterr().err
 
 
@@ -236,11 +253,11 @@ class TestLooseFiles:
         assert found_in(Path(path)) == []
 
     @pytest.mark.parametrize("path", sorted((FIXTURES / "defects").iterdir()), ids=lambda p: p.name)
+    @pytest.mark.slow
     def test_files_that_no_reader_takes_are_named(self, path):
         findings = found_in(path)
         assert findings
-        assert findings[0].place.file == str(path)
-        assert not Path(findings[0].found).is_absolute()
+        assert {finding.place.file for finding in findings} == {str(path)}
 
     @pytest.mark.parametrize(
         ("name", "code"),
@@ -261,30 +278,33 @@ class TestLooseFiles:
     def test_every_recording_of_the_fixtures_can_be_looked_at(self):
         report = validate([FIXTURES / "recordings"])
         assert len(report.summaries) > 20
-        assert "MF001" not in {f.code for f in report.findings}
+        # Most are one recording in other formats; one does not tell its rate.
+        assert {f.code for f in report.findings} == {"MF001", "MF003", "MF126", "MF508"}
+        (unread,) = [f for f in report.findings if f.code == "MF001"]
+        assert unread.place.file.endswith("timeless.csv")
 
 
-def test_a_corpus_that_cannot_be_opened(corpus):
-    (corpus / "corpus.toml").write_text("format_version = 9", encoding="utf-8")
-    (finding,) = found_in(corpus)
+def test_a_corpus_that_cannot_be_opened(small):
+    (small / "corpus.toml").write_text("format_version = 9", encoding="utf-8")
+    (finding,) = found_in(small)
     assert finding.code == "MF001"
     assert "format" in finding.found
 
 
-def test_one_id_twice_is_found_in_the_table(corpus):
+def test_one_id_twice_is_found_in_the_table(small):
     from spoiling import change_table
 
     def change(frame):
         frame.loc[1, "id"] = frame.loc[0, "id"]
         return frame
 
-    change_table(corpus / "utterances.parquet", change)
-    findings = found_in(corpus)
+    change_table(small / "utterances.parquet", change)
+    findings = found_in(small)
     assert listed(findings) == ["MF001", "MF503"]
     assert findings[1].place.item == "id"
 
 
-def test_a_corpus_in_memory_that_was_saved_has_no_provenance(clean, tmp_path):
+def test_a_corpus_in_memory_that_was_saved_has_no_provenance(small, tmp_path):
     from mocap_fit.corpus import Corpus, Utterance, open_corpus, save_corpus
     from mocap_fit.tracks import ParameterTracks
 
@@ -300,10 +320,10 @@ def test_a_corpus_in_memory_that_was_saved_has_no_provenance(clean, tmp_path):
             u.phones,
             split=u.split,
         )
-        for u in open_corpus(clean)
+        for u in open_corpus(small)
     ]
     save_corpus(Corpus.of(kept, "sv-sta"), tmp_path / "saved")
     found = found_in(tmp_path / "saved")
     assert set(listed(found)) == {"MF003", "MF509"}
-    assert sum(code == "MF509" for code in listed(found)) == 5
-    assert read_parquet(tmp_path / "saved" / "tracks" / "sim001.parquet").provenance == ()
+    assert sum(code == "MF509" for code in listed(found)) == 3
+    assert read_parquet(tmp_path / "saved" / "tracks" / "sim002.parquet").provenance == ()
