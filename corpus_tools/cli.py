@@ -110,9 +110,33 @@ def info(
             readable=False,
         ),
     ],
+    tree: Annotated[
+        str | None,
+        typer.Option(metavar="PHONE/PARAMETER", help="Show a tree of a CART model."),
+    ] = None,
+    svg: Annotated[
+        Path | None, typer.Option(help="Draw the tree into this file (SVG).", readable=False)
+    ] = None,
+    explain: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="PHONES",
+            help="Labels, or phones of a corpus: what decided their targets in a CART model.",
+            readable=False,
+        ),
+    ] = None,
+    questions: Annotated[
+        bool, typer.Option("--questions", help="How much each question of a CART model matters.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Say what recordings, labels, sound, models and corpora hold."""
+    """Say what recordings, labels, sound, models and corpora hold; look into trees."""
+    if tree is not None or svg is not None or explain is not None or questions:
+        if len(files) != 1:
+            raise typer.BadParameter("give one model", param_hint="FILE")
+        from corpus_tools import trees
+
+        raise typer.Exit(trees.run(files[0], tree=tree, svg=svg, explain=explain, as_json=as_json))
     from corpus_tools import info as command
 
     raise typer.Exit(command.run(files, as_json=as_json))

@@ -43,6 +43,7 @@ ROOMS = {
         "console",
         "contents",
         "info",
+        "trees",
         "manifest",
         "simulate",
         "spread",
