@@ -26,6 +26,7 @@ convention: ``recordings/ labels/ sound/ reference.* sentences.tsv``. ::
     kind = "none"                # "pulses": one a frame, on a channel of the sound; "estimate": by
                                  # opening lips and energy; "none": start_time or the file's own
     channel = 2                  # of the pulses, from 1; it is not copied to the corpus
+    spare = [0, 0]               # pulses before the first frame's and after the last's
     largest_offset = 0.5         # s from start_time, how far an estimate is looked for
     [sentences]
     file = "sentences.tsv"       # tab-separated: utterance, and if known split text speaker session
@@ -145,6 +146,7 @@ class Sync(_Strict):
 
     kind: SyncKind = "none"
     channel: int = Field(default=2, ge=1)
+    spare: tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]] = (0, 0)
     largest_offset: float = Field(default=LARGEST_OFFSET, gt=0)
 
 

@@ -119,6 +119,7 @@ def on_one_clock(
             sound,
             kind=said.kind,
             channel=said.channel,
+            spare=said.spare,
             lips=settings.lips,
             about=job.entry.start_time,
             largest=said.largest_offset,

@@ -6,6 +6,7 @@ frame, also one whose own pulse is missing, doubled or lost in noise.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,6 +73,15 @@ class PulseTrain:
     def times(self) -> FloatArray:
         """Times of the frames by the even clock, `(frames,)`, seconds."""
         return self.start_time + np.arange(self.frames) / self.frame_rate
+
+    def part(self, first: int, end: int) -> PulseTrain:
+        """The frames from `first` up to `end`, without it."""
+        return dataclasses.replace(
+            self,
+            samples=self.samples[first:end],
+            heard=self.heard[first:end],
+            start_time=self.start_time + first / self.frame_rate,
+        )
 
 
 @dataclass(frozen=True)
@@ -352,7 +362,8 @@ def _placed(
         "the pulses do not match the number of frames",
         found=f"{count} pulses, from {starts[first]:.3f} s to {starts[last]:.3f} s",
         expected=f"{frames}, one a frame",
-        advice="Check that sound and recording belong together and that neither was cut.",
+        advice="Check that sound and recording belong together and that neither was cut; pulses "
+        "that belong to no frame can be named (spare).",
     )
     if len(likelihoods) < frames:
         raise mismatch

@@ -102,6 +102,7 @@ def synchronise(
     *,
     kind: SyncKind = "pulses",
     channel: int = 2,
+    spare: tuple[int, int] = (0, 0),
     lips: tuple[str, str] | None = None,
     about: float | None = None,
     largest: float = LARGEST_OFFSET,
@@ -119,6 +120,9 @@ def synchronise(
         speech, on the mean of the channels; ``none``: nothing is changed but the provenance.
     channel
         The channel of the pulses, from 1.
+    spare
+        How many pulses come before the first frame's and after the last's: some systems give one
+        when they are armed, or at the end of the last exposure.
     lips
         Names of a marker on the upper and one on the lower lip, for the estimate.
     about
@@ -143,13 +147,14 @@ def synchronise(
     if sound is None and kind != "none":
         raise DataError("there is no sound to synchronise with", found=recording.name)
     if kind == "pulses" and sound is not None:
+        before, after = spare
         train = decode_pulses(
             sound.channel(channel),
             sound.rate,
             recording.rate,
-            recording.frames,
-            start_time=about,
-        )
+            before + recording.frames + after,
+            start_time=None if about is None else about - before / recording.rate,
+        ).part(before, before + recording.frames)
         found = Synchronisation.of_pulses(train)
     elif kind == "estimate" and sound is not None:
         if lips is None:

@@ -47,6 +47,16 @@ class TestPulses:
         assert step.arguments["drift_ppm"] == pytest.approx(200, abs=1)
         json.dumps(step.to_dict(), allow_nan=False)
 
+    def test_pulses_that_belong_to_no_frame(self, make_train):
+        train = make_train(drift_ppm=200)
+        sound = Sound(train.channel, 48000)
+        part = recording(np.arange(237.0))
+        with pytest.raises(DataError, match="do not match"):
+            synchronise(part, sound, channel=1)
+        after, how = synchronise(part, sound, channel=1, spare=(2, 1))
+        np.testing.assert_allclose(after.times, train.times[2:-1], atol=1e-5)
+        assert (how.missing, how.extra) == (0, 0)
+
     def test_a_channel_that_is_not_there(self):
         with pytest.raises(DataError, match="no channel 2"):
             synchronise(recording(np.zeros(240)), Sound(np.zeros(300000), 48000))
