@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -18,6 +18,8 @@ from mocap_fit.control.training import (
     Symbols,
     check_finite,
     check_phone_set,
+    mean_values,
+    phone_means,
     planned_symbols,
     recordings,
     root_mean_square,
@@ -49,7 +51,7 @@ class Mean(ControlModel):
         checkpoint: Path | None,
     ) -> None:
         values = [utterance.tracks.values for utterance in corpus]
-        self.mean_: FloatArray = _mean(np.concatenate(values))
+        self.mean_: FloatArray = mean_values(np.concatenate(values))
         there = [] if validation is None else [u.tracks.values for u in validation]
         progress(
             LogEntry(
@@ -313,41 +315,3 @@ class _Sums:
             factor = cho_factor(squares + np.diag(penalties), overwrite_a=True)
             result[:, group] = cho_solve(factor, products)
         return result
-
-
-def phone_means(data: Iterable[Recording], symbols: int) -> FloatArray:
-    """The mean of every parameter over the frames of every phone.
-
-    Parameters
-    ----------
-    data
-        Recordings.
-    symbols
-        How many phones there are.
-
-    Returns
-    -------
-    FloatArray
-        `(symbols, parameters)`; where a phone has no frames, the mean over all, or 0.
-    """
-    parts = tuple(data)
-    values = np.concatenate([each.values for each in parts])
-    sums = np.zeros((symbols, values.shape[1]))
-    counts = np.zeros((symbols, values.shape[1]))
-    for each in parts:
-        found = each.phones.at(each.times)
-        inside = found >= 0
-        there = np.isfinite(each.values[inside])
-        positions = each.positions[found[inside]]
-        np.add.at(sums, positions, np.where(there, each.values[inside], 0.0))
-        np.add.at(counts, positions, there)
-    mean = _mean(values)
-    return np.where(counts > 0, sums / np.maximum(counts, 1), mean)
-
-
-def _mean(values: FloatArray) -> FloatArray:
-    """Means of the columns, `(parameters,)`, of what is not NaN; 0 where there is nothing."""
-    there = np.isfinite(values)
-    count = there.sum(axis=0)
-    total = np.where(there, values, 0.0).sum(axis=0)
-    return np.asarray(total / np.maximum(count, 1))

@@ -23,6 +23,7 @@ from mocap_fit.control.training import (
     check_finite,
     check_phone_set,
     check_settings,
+    phone_means,
     planned_symbols,
     recordings,
 )
@@ -47,10 +48,12 @@ class Ohman(ControlModel):
     level at all three. The vowel track's neighbours are vowels, a consonant's are phones of any
     kind, so that in a cluster one consonant hands over to the next.
 
-    What the paper leaves open: before the first vowel the track stands at its target, and after the
-    last at that one's; before the first phone's centre, and after the last one's, that phone stands
-    at its full influence. In an utterance without a vowel the track is the mean of the targets of
-    all vowels that the corpus has, and without any the mean of the data.
+    What the paper leaves open: a segment longer than twice `hold`, such as a pause, is at its peak
+    from `hold` after its start until `hold` before its end, not at its centre alone. Before the
+    first vowel the track stands at its target, and after the last at that one's; before the first
+    peak, and after the last one, that phone stands at its full influence. In an utterance without a
+    vowel the track is the mean of the targets of all vowels that the corpus has, and without any
+    the mean of the data.
 
     The parameters of one articulatory parameter are found together, by Levenberg-Marquardt.
 
@@ -70,6 +73,11 @@ class Ohman(ControlModel):
     prior
         How many frames' worth a free parameter is held at where it began; it tells what becomes of
         phones that are seldom heard. 0 is the paper's error as it is.
+    hold
+        Seconds, as said above; None for peaks at the centres alone.
+    pause
+        Frames of silence farther than this from speech do not count in training, seconds; long
+        pauses would bend what there is for speech. None counts all, as the paper does.
     """
 
     phone_set: str = ""
@@ -78,6 +86,8 @@ class Ohman(ControlModel):
     tolerance: float = 1e-4
     patience: int = 3
     prior: float = 0.1
+    hold: float | None = 0.07
+    pause: float | None = 0.2
 
     name: ClassVar[str] = "ohman"
     title: ClassVar[str] = "Öhman"
@@ -90,10 +100,12 @@ class Ohman(ControlModel):
         checkpoint: Path | None,
     ) -> None:
         check_settings(self, iterations=1, tolerance=0, patience=1, prior=0)
+        given = [name for name in ("hold", "pause") if getattr(self, name) is not None]
+        check_settings(self, **dict.fromkeys(given, 0))
         check_phone_set(corpus, self.phone_set)
         self.symbols_: Symbols = Symbols.of(corpus, self.stress)
-        data = recordings(corpus, self.symbols_)
-        held = () if validation is None else recordings(validation, self.symbols_)
+        data = recordings(corpus, self.symbols_, self.pause)
+        held = () if validation is None else recordings(validation, self.symbols_, self.pause)
         kept = Checkpoint(checkpoint, self.name, self.settings, (data, held))
         blends = self._blends_of(data), self._blends_of(held)
         shape = (len(self.parameter_names_), len(self.symbols_))
@@ -103,12 +115,13 @@ class Ohman(ControlModel):
         self.factors_: FloatArray = np.zeros(shape)
         #: `(parameters,)`: mean of the data, the track of a corpus that has no vowel.
         self.middle_: FloatArray = np.zeros(shape[0])
+        means = phone_means(data, len(self.symbols_))
         for position, name in enumerate(self.parameter_names_):
             training, test = (
                 _Track.of(part, blend, position)
                 for part, blend in zip((data, held), blends, strict=True)
             )
-            found = self._trained(name, training, test, kept, progress)
+            found = self._trained(name, means[:, position], training, test, kept, progress)
             self.targets_[position], self.factors_[position] = found[:2]
             self.middle_[position] = found[2, 0]
 
@@ -116,7 +129,7 @@ class Ohman(ControlModel):
         vowel = vowels(self.symbols_)
         empty = sparse.csr_array((0, len(vowel)))
         parts = [
-            blends(r.positions, _centres(r.phones), r.times, vowel, self.symbols_.seen)
+            blends(r.positions, peaks(r.phones, self.hold), r.times, vowel, self.symbols_.seen)
             for r in data
         ]
         return (
@@ -128,7 +141,13 @@ class Ohman(ControlModel):
         )
 
     def _trained(
-        self, name: str, training: _Track, test: _Track, kept: Checkpoint, progress: Progress
+        self,
+        name: str,
+        means: FloatArray,
+        training: _Track,
+        test: _Track,
+        kept: Checkpoint,
+        progress: Progress,
     ) -> FloatArray:
         """Of one articulatory parameter, `(3, phones)`: targets, factors, the mean of the data."""
         entries = f"log {name}"
@@ -136,13 +155,13 @@ class Ohman(ControlModel):
             for row in kept[entries]:
                 progress(_entry(name, row))
             return kept[name]
-        # Targets are sought from the mean of the data: a consonant begins there.
+        # Targets begin at the phones' means, and count from the mean of the data.
         values = training.values
         middle, scale = (float(values.mean()), float(values.std())) if len(values) else (0.0, 0.0)
         training, test = training.less(middle), test.less(middle)
         vowel = vowels(self.symbols_)
         phones = len(vowel)
-        begin = np.concatenate([np.zeros(phones), np.where(vowel, 0.0, _FACTOR)])
+        begin = np.concatenate([means - middle, np.where(vowel, 0.0, _FACTOR)])
         pull = self.prior * np.concatenate([np.ones(phones), np.full(phones, scale**2 or 1.0)])
         # Vowels have no factor.
         far = np.full(phones, _WIDEST * float(np.abs(training.values).max(initial=0.0)))
@@ -196,7 +215,7 @@ class Ohman(ControlModel):
     def _predict(self, phones: PhoneSequence, times: FloatArray) -> FloatArray:
         positions = self.symbols_.positions(phones)
         track, consonants = blends(
-            positions, _centres(phones), times, vowels(self.symbols_), self.symbols_.seen
+            positions, peaks(phones, self.hold), times, vowels(self.symbols_), self.symbols_.seen
         )
         targets = self.targets_.T - self.middle_
         factors = self.factors_.T
@@ -263,7 +282,7 @@ class Blends(NamedTuple):
 
 def blends(
     positions: IntArray,
-    centres: FloatArray,
+    peaks: FloatArray,
     times: FloatArray,
     is_vowel: NDArray[np.bool_],
     seen: NDArray[np.bool_],
@@ -272,23 +291,41 @@ def blends(
 
     Parameters
     ----------
-    positions, centres
-        `(segments,)`: the phone of each segment, and the time of its centre, ascending.
+    positions
+        `(segments,)`: the phone of each segment.
+    peaks
+        `(segments, 2)`: from when until when each is at its peak, ascending.
     times
         `(frames,)`.
     is_vowel, seen
         `(phones,)`: which phones are vowels, and which the corpus had.
     """
-    consonants = _matrix(*_blended(positions, centres, times), len(is_vowel))
+    consonants = _matrix(*_blended(positions, peaks, times), len(is_vowel))
     consonants = consonants @ sparse.diags_array((~is_vowel).astype(float), format="csr")
     own = np.flatnonzero(is_vowel[positions])
     if len(own):
-        track = _matrix(*_blended(positions[own], centres[own], times), len(is_vowel))
+        track = _matrix(*_blended(positions[own], peaks[own], times), len(is_vowel))
     else:
         known = np.flatnonzero(is_vowel & seen)
         columns = np.tile(known, (len(times), 1))
         track = _matrix(columns, np.full(columns.shape, 1.0 / max(len(known), 1)), len(is_vowel))
     return Blends(track, consonants)
+
+
+def peaks(phones: PhoneSequence, hold: float | None) -> FloatArray:
+    """From when until when each segment is at its peak, `(segments, 2)`, seconds.
+
+    Parameters
+    ----------
+    phones
+        The segments.
+    hold
+        How long after a start and before an end at most; None for the centre.
+    """
+    starts, ends = phones.starts, phones.ends
+    half = 0.5 * (ends - starts)
+    inside = half if hold is None else np.minimum(half, hold)
+    return np.stack([starts + inside, np.maximum(ends - inside, starts + inside)], axis=1)
 
 
 def smoothstep(part: FloatArray) -> FloatArray:
@@ -297,15 +334,15 @@ def smoothstep(part: FloatArray) -> FloatArray:
 
 
 def _blended(
-    positions: IntArray, centres: FloatArray, times: FloatArray
+    positions: IntArray, peaks: FloatArray, times: FloatArray
 ) -> tuple[IntArray, FloatArray]:
-    """The phones of the centres around each time, and their blends, `(frames, 2)` each."""
-    after = np.clip(np.searchsorted(centres, times, side="right"), 1, max(len(centres) - 1, 1))
-    before = after - 1
-    after = np.minimum(after, len(centres) - 1)
-    apart = np.where(after > before, centres[after] - centres[before], 1.0)
-    part = smoothstep(np.clip((times - centres[before]) / apart, 0.0, 1.0))
-    part = np.where(after > before, part, 0.0)
+    """The phones of the peaks around each time, and their blends, `(frames, 2)` each."""
+    starts, ends = peaks.T
+    before = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, len(starts) - 1)
+    after = np.minimum(before + 1, len(starts) - 1)
+    between = after > before
+    apart = np.where(between, starts[after] - ends[before], 1.0)
+    part = smoothstep(np.clip((times - ends[before]) / apart, 0.0, 1.0)) * between
     columns = np.stack([positions[before], positions[after]], axis=1)
     return columns, np.stack([1.0 - part, part], axis=1)
 
@@ -368,10 +405,6 @@ class _Track(NamedTuple):
 def _rows(values: FloatArray) -> Any:
     """A matrix that multiplies rows from the left, or columns from the right."""
     return sparse.diags_array(values, format="csr")
-
-
-def _centres(phones: PhoneSequence) -> FloatArray:
-    return 0.5 * (phones.starts + phones.ends)
 
 
 def _entry(part: str, row: Sequence[float]) -> LogEntry:

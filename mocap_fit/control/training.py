@@ -129,8 +129,18 @@ class Recording:
     values: FloatArray
 
 
-def recordings(corpus: Corpus, symbols: Symbols) -> tuple[Recording, ...]:
+def recordings(
+    corpus: Corpus, symbols: Symbols, pause: float | None = None
+) -> tuple[Recording, ...]:
     """What a corpus has to train on, or to be tested on.
+
+    Parameters
+    ----------
+    corpus, symbols
+        Of the model.
+    pause
+        Frames of silence that are farther than this from all speech of their utterance become NaN,
+        seconds; None keeps all, and so does an utterance without speech.
 
     Raises
     ------
@@ -142,8 +152,27 @@ def recordings(corpus: Corpus, symbols: Symbols) -> tuple[Recording, ...]:
         phones, tracks = utterance.phones, utterance.tracks
         if not len(phones):
             raise DataError(f"the utterance '{utterance.id}' has no phones")
-        found.append(Recording(phones, symbols.positions(phones), tracks.times, tracks.values))
+        values = tracks.values
+        if pause is not None:
+            apart = _from_speech(phones, tracks.times, corpus.phone_set)
+            values = np.where((apart > pause)[:, None], np.nan, values)
+        found.append(Recording(phones, symbols.positions(phones), tracks.times, values))
     return tuple(found)
+
+
+def _from_speech(phones: PhoneSequence, times: FloatArray, phone_set: PhoneSet) -> FloatArray:
+    """How far each time is from speech, `(times,)`, seconds; 0 everywhere if there is none."""
+    speech = [segment for segment in phones if not phone_set.is_silence(segment)]
+    if not speech:
+        return np.zeros(len(times))
+    starts = np.array([segment.start for segment in speech])
+    ends = np.array([segment.end for segment in speech])
+    after = np.searchsorted(starts, times, side="right")
+    since = np.where(after > 0, times - ends[np.maximum(after - 1, 0)], np.inf)
+    until = np.where(
+        after < len(starts), starts[np.minimum(after, len(starts) - 1)] - times, np.inf
+    )
+    return np.maximum(np.minimum(since, until), 0.0)
 
 
 def symbol_names(phone_set: PhoneSet, stress: bool, used: Iterable[str] = ()) -> tuple[str, ...]:
@@ -248,6 +277,44 @@ def check_finite(arrays: Mapping[str, np.ndarray[Any, Any]], shapes: Mapping[str
             )
         if not np.isfinite(found).all():
             raise DataError(f"the array '{name}' of the model is not finite")
+
+
+def phone_means(data: Iterable[Recording], symbols: int) -> FloatArray:
+    """The mean of every parameter over the frames of every phone.
+
+    Parameters
+    ----------
+    data
+        Recordings.
+    symbols
+        How many phones there are.
+
+    Returns
+    -------
+    FloatArray
+        `(symbols, parameters)`; where a phone has no frames, the mean over all, or 0.
+    """
+    parts = tuple(data)
+    values = np.concatenate([each.values for each in parts])
+    sums = np.zeros((symbols, values.shape[1]))
+    counts = np.zeros((symbols, values.shape[1]))
+    for each in parts:
+        found = each.phones.at(each.times)
+        inside = found >= 0
+        there = np.isfinite(each.values[inside])
+        positions = each.positions[found[inside]]
+        np.add.at(sums, positions, np.where(there, each.values[inside], 0.0))
+        np.add.at(counts, positions, there)
+    mean = mean_values(values)
+    return np.where(counts > 0, sums / np.maximum(counts, 1), mean)
+
+
+def mean_values(values: FloatArray) -> FloatArray:
+    """Means of the columns, `(parameters,)`, of what is not NaN; 0 where there is nothing."""
+    there = np.isfinite(values)
+    count = there.sum(axis=0)
+    total = np.where(there, values, 0.0).sum(axis=0)
+    return np.asarray(total / np.maximum(count, 1))
 
 
 class Checkpoint:

@@ -7,8 +7,8 @@ import pytest
 from control_cases import NAMES, SENTENCES, corpus_of, moved, spoken
 
 from mocap_fit import control
-from mocap_fit.control.baselines import Ridge, phone_means
-from mocap_fit.control.training import Checkpoint, Symbols, recordings
+from mocap_fit.control.baselines import Ridge
+from mocap_fit.control.training import Checkpoint, Symbols, phone_means, recordings
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
 from mocap_fit.phones import PhoneSegment, PhoneSequence, load_phone_set
@@ -142,6 +142,20 @@ def test_phone_means_of_phones_without_frames_are_the_mean():
     values = corpus.utterances[0].tracks.values
     unheard = symbols.names.index("P")
     np.testing.assert_allclose(means[unheard], values.mean(axis=0))
+
+
+def test_frames_far_in_a_pause_can_be_left_out():
+    corpus = corpus_of(["sil 'A: S sil", "sil sil"])
+    symbols = Symbols.of(corpus, True)
+    whole = recordings(corpus, symbols)
+    for pause in (0.0, 0.05):
+        spoken_one, silent = recordings(corpus, symbols, pause)
+        np.testing.assert_array_equal(silent.values, whole[1].values)
+        first, last = spoken_one.phones[1].start, spoken_one.phones[2].end
+        near = (spoken_one.times >= first - pause) & (spoken_one.times <= last + pause)
+        assert 0 < np.count_nonzero(near) < len(near)
+        np.testing.assert_array_equal(spoken_one.values[near], whole[0].values[near])
+        assert np.isnan(spoken_one.values[~near]).all()
 
 
 def test_an_utterance_without_phones_cannot_be_trained_on():

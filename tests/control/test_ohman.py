@@ -6,7 +6,7 @@ from control_cases import corpus_of, spoken
 
 from mocap_fit import control
 from mocap_fit.control.levenberg_marquardt import minimise
-from mocap_fit.control.ohman import _Track, blends, smoothstep, vowels
+from mocap_fit.control.ohman import _Track, blends, peaks, smoothstep, vowels
 from mocap_fit.control.training import Symbols, recordings
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.errors import ConfigurationError
@@ -19,13 +19,9 @@ SEEN = np.ones(4, dtype=bool)
 
 
 def blended(positions, centres, times, seen=SEEN):
-    track, consonants = blends(
-        np.array(positions),
-        np.array(centres, dtype=float),
-        np.array(times, dtype=float),
-        VOWEL,
-        seen,
-    )
+    at = np.array(centres, dtype=float)
+    both = np.stack([at, at], axis=1)
+    track, consonants = blends(np.array(positions), both, np.array(times, dtype=float), VOWEL, seen)
     return track.toarray(), consonants.toarray()
 
 
@@ -51,6 +47,19 @@ def test_a_consonant_counts_from_the_centre_before_to_the_centre_after():
     np.testing.assert_allclose(track.sum(axis=1), 1.0)
     np.testing.assert_allclose(track[15], [0.5, 0.5, 0, 0], atol=1e-12)
     np.testing.assert_allclose(track[:, 1], smoothstep(times / 3))
+
+
+def test_long_segments_stay_at_their_peak():
+    phones = PhoneSequence(
+        (PhoneSegment(0.0, 1.0, "sil"), PhoneSegment(1.0, 1.1, "A"), PhoneSegment(1.1, 1.5, "S"))
+    )
+    held = peaks(phones, 0.07)
+    np.testing.assert_allclose(held, [[0.07, 0.93], [1.05, 1.05], [1.17, 1.43]])
+    np.testing.assert_allclose(peaks(phones, None), [[0.5, 0.5], [1.05, 1.05], [1.3, 1.3]])
+    assert (peaks(phones, 0.0)[:, 1] == phones.ends).all()
+    _, consonants = blends(np.array([2, 0, 3]), held, np.array([0.2, 0.9, 0.99, 1.3]), VOWEL, SEEN)
+    np.testing.assert_allclose(consonants.toarray()[:, 2], [1, 1, 0.5, 0])
+    np.testing.assert_allclose(consonants.toarray()[3, 3], 1)
 
 
 def test_utterances_that_begin_and_end_with_consonants():
@@ -126,8 +135,9 @@ def truth(count: int, seed: int, targets, factors, names) -> Corpus:
             segments.append(PhoneSegment(float(begin), float(end), phone, stress or 0))
         phones = PhoneSequence(tuple(segments), phone_set="sv-sta", name=f"u{number:03d}")
         times = np.arange(int(ends[-1] * 60)) / 60
-        centres = 0.5 * (phones.starts + phones.ends)
-        track, consonants = blends(chosen, centres, times, is_vowel, seen)
+        track, consonants = blends(
+            chosen, peaks(phones, control.create("ohman").hold), times, is_vowel, seen
+        )
         v = track @ targets
         # Equation 16.
         values = v + consonants @ (factors * targets) - (consonants @ factors) * v
@@ -175,8 +185,10 @@ def test_factors_stay_between_0_and_1_and_targets_within_reach(rng):
 
 
 def test_impossible_settings_are_refused():
-    with pytest.raises(ConfigurationError, match="patience"):
-        control.create("ohman", patience=0).fit(corpus_of(["sil 'A: sil"]))
+    for wrong in ({"patience": 0}, {"hold": -0.1}, {"pause": -1.0}):
+        with pytest.raises(ConfigurationError, match=next(iter(wrong))):
+            control.create("ohman", **wrong).fit(corpus_of(["sil 'A: sil"]))
+    assert control.create("ohman", hold=None, pause=None).fit(corpus_of(["sil 'A: sil"])).is_fitted
 
 
 def test_an_utterance_of_consonants_alone_is_learned(rng):
