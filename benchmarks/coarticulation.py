@@ -8,10 +8,10 @@ error that counts. The peer is `scipy.optimize.minimize(method="L-BFGS-B")` with
 and its gradient in dense numpy, from the same start, in the same unknowns and with the same bounds.
 Both run until the error is within 0.1 % of the least that ours found; times are the thread's own.
 
-200 sentences; with --quick 20 for Cohen-Massaro and 40 for Öhman. Ours trains ten parameters (two for
-Cohen-Massaro with --quick), the peer one, and its time counts as often; what the peer needs of the
-sentences is made before its time begins. A peer that has not the same error after many calls is
-ended, and the ratio is then what it is at least.
+200 sentences; with --quick 20 for Cohen-Massaro and 40 for Öhman. Ours trains ten parameters (two
+for Cohen-Massaro with --quick), the peer one, and its time counts as often; what the peer needs of
+the sentences is made before its time begins. A peer that has not the same error after many calls
+is ended, and the ratio is then what it is at least.
 """
 
 import os
