@@ -175,8 +175,12 @@ def _movement(
 ) -> Iterator[Finding]:
     rules = limits.parameters
     steps = np.abs(np.diff(tracks.values, axis=0))
+    # A value that the markers hardly determine may be anywhere: that it jumps is no news.
+    doubt = np.nan_to_num(tracks.standard_deviations, nan=0.0, posinf=np.inf)
+    doubt = rules.jump_deviations * np.hypot(doubt[1:], doubt[:-1])
     with np.errstate(invalid="ignore"):
         fast = (steps * tracks.rate > rules.jump_speed) & (steps > rules.jump_size)
+        fast &= steps > doubt
         still = steps <= rules.still
     moving = (~still & np.isfinite(steps)).sum(axis=1) > 0.5 * steps.shape[1]
     for column, name in enumerate(tracks.names):
