@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from mocap_fit.tracks import FloatArray
 
 INTERPOLATIONS = ("cubic", "linear", "cosine")
 # The bell that smooths: its places in standard deviations, and its weights.
-_PLACES = np.linspace(-2.0, 2.0, 9)
+_PLACES = np.linspace(-2.4, 2.4, 17)
 _WEIGHTS = np.exp(-0.5 * _PLACES**2) / np.exp(-0.5 * _PLACES**2).sum()
 
 
@@ -86,30 +87,38 @@ def _smoothed(
     interpolation: str,
     widths: FloatArray,
 ) -> FloatArray:
+    through = _interpolant(knots, heights, interpolation)
     if not (widths > 0).any():
-        return _interpolated(knots, heights, times, interpolation)
+        return through(times)
     total = np.zeros((len(times), heights.shape[1]))
     for place, weight in zip(_PLACES, _WEIGHTS, strict=True):
-        total += weight * _interpolated(knots, heights, times + place * widths, interpolation)
+        total += weight * through(times + place * widths)
     return total
 
 
-def _interpolated(
-    knots: FloatArray, heights: FloatArray, times: FloatArray, interpolation: str
-) -> FloatArray:
-    inside = np.clip(times, knots[0], knots[-1])
+def _interpolant(
+    knots: FloatArray, heights: FloatArray, interpolation: str
+) -> Callable[[FloatArray], FloatArray]:
+    """The curve through the knots, `(times,)` → `(times, parameters)`."""
     if len(knots) == 1:
-        return np.repeat(heights, len(times), axis=0)
+        return lambda times: np.repeat(heights, len(times), axis=0)
     if interpolation == "cubic":
         from scipy.interpolate import PchipInterpolator
 
-        found: FloatArray = PchipInterpolator(knots, heights, axis=0)(inside)
+        cubic: Any = PchipInterpolator(knots, heights, axis=0)
+        return lambda times: np.asarray(cubic(np.clip(times, knots[0], knots[-1])))
+
+    def between(times: FloatArray) -> FloatArray:
+        inside = np.clip(times, knots[0], knots[-1])
+        before = np.clip(np.searchsorted(knots, inside, side="right") - 1, 0, len(knots) - 2)
+        share = (inside - knots[before]) / (knots[before + 1] - knots[before])
+        if interpolation == "cosine":
+            share = 0.5 - 0.5 * np.cos(np.pi * share)
+        steps = heights[before + 1] - heights[before]
+        found: FloatArray = heights[before] + share[:, None] * steps
         return found
-    before = np.clip(np.searchsorted(knots, inside, side="right") - 1, 0, len(knots) - 2)
-    share = (inside - knots[before]) / (knots[before + 1] - knots[before])
-    if interpolation == "cosine":
-        share = 0.5 - 0.5 * np.cos(np.pi * share)
-    return heights[before] + share[:, None] * (heights[before + 1] - heights[before])
+
+    return between
 
 
 def smoothing_reach(smoothing: float) -> float:
