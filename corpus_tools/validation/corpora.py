@@ -31,6 +31,8 @@ from mocap_fit.tracks.parquet_file import read_description
 _ALLOWED = re.compile(r"readme.*|licen[cs]e.*|.*\.md|.*\.txt", re.IGNORECASE)
 # Beginnings of the conversion's remarks that MF126, MF143 and MF144 judge by thresholds.
 _JUDGED = ("the head's pose is not known in", "the recording goes on", "the start time")
+# So many recordings of a folder tell what is usual in it.
+_TELLING = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,6 +219,8 @@ def check_between(
         spans = np.array([m.lips for m in members if m.lips is not None]).reshape(-1, 2)
         closures = [closure for member in members for closure in member.closures]
         yield from check_closures(closures, spans, limits)
+    if not splits:
+        yield from _rates(summaries, limits)
     yield from _sampling(summaries)
     yield from _twice(summaries, limits, splits)
 
@@ -244,6 +248,25 @@ def _offset(members: Sequence[Summary], limits: Thresholds) -> Iterator[Finding]
             f"{len(told)} utterances",
             f"at most {rules.offset} s",
         )
+
+
+def _rates(summaries: Sequence[Summary], limits: Thresholds) -> Iterator[Finding]:
+    """Recordings of a folder, of which nothing says what rate they should have."""
+    told = [summary for summary in summaries if "rate" in summary.figures]
+    if len(told) < _TELLING:
+        return
+    usual = float(np.median([summary.figures["rate"] for summary in told]))
+
+    def differs(summary: Summary) -> bool:
+        off: float = abs(summary.figures["rate"] / usual - 1)
+        return off > limits.time.rate
+
+    others = [summary for summary in told if differs(summary)]
+    # Of a mixture of recordings none is wrong.
+    if len(others) <= len(told) // _TELLING:
+        for summary in others:
+            rate = summary.figures["rate"]
+            yield Finding("MF141", summary.place, f"{rate:g} Hz", f"{usual:g} Hz, as the others")
 
 
 def _sampling(summaries: Sequence[Summary]) -> Iterator[Finding]:

@@ -274,7 +274,8 @@ def files_in(folder: Path) -> tuple[list[Path], list[Path]]:
         if hidden or not path.is_file() or path.suffix.lower() not in known:
             continue
         if path.suffix.lower() in (".tsv", ".csv") and not _looks_known(path):
-            others.append(path)
+            if not _is_of_sentences(path):
+                others.append(path)
         else:
             chosen.append(path)
     return chosen, others
@@ -286,6 +287,15 @@ def _looks_known(path: Path) -> bool:
     return any(
         path.suffix.lower() in reader.extensions and reader.sniff(path) for reader in readers
     )
+
+
+def _is_of_sentences(path: Path) -> bool:
+    """Whether a table is that of a manifest's sentences, which `convert` reads."""
+    try:
+        with path.open(encoding="utf-8-sig") as stream:
+            return "utterance" in stream.readline().rstrip("\n").split("\t")
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 def unknown(path: Path) -> Finding:

@@ -22,7 +22,7 @@ from corpus_tools.validation.sounds import (
     loudness,
 )
 from corpus_tools.validation.thresholds import Thresholds
-from mocap_fit.errors import DataError
+from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.face import Rig
 from mocap_fit.face.lips import lip_gap
 from mocap_fit.fitting import Layout
@@ -351,7 +351,11 @@ def _lips(
     context: Context,
 ) -> tuple[list[Closure], tuple[float, float] | None, tuple[float, float] | None]:
     """Closures, how far the lips open, and where the sound says that the first frame is."""
-    gaps = lip_gap(rig, tracks.values)
+    try:
+        gaps = lip_gap(rig, tracks.values)
+    except (ConfigurationError, DataError):
+        # A mesh of one's own may not say where its lips are.
+        return [], None, None
     entries = [] if subject.tier is None else list(subject.tier.entries)
     closed: list[Closure] = []
     if context.phone_set is not None:

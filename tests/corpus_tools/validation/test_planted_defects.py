@@ -17,18 +17,14 @@ SPOILT = "sim002"
 # The others are run with the slow tests.
 QUICK = (
     "swapped",
-    "swapped_throughout",
     "clocks_drift",
     "face_of_fifteen_metres",
-    "metres_for_millimetres",
     "label_missing",
     "mirrored_axis",
-    "names_of_left_and_right",
     "up_and_forward_exchanged",
     "spike",
     "stuck",
     "long_gap",
-    "many_gaps",
     "rate_wrong",
     "sound_cut_short",
     "labels_overlap",
@@ -41,8 +37,6 @@ QUICK = (
     "head_marker_slipped",
     "file_missing",
     "uneven_time_stamps",
-    "column_missing",
-    "bad_fit",
 )
 
 

@@ -14,7 +14,7 @@ from corpus_tools.validate import validate
 from corpus_tools.validation import Evidence, Finding, Place, Report, codes, load_thresholds
 from corpus_tools.validation.page import write_page
 from mocap_fit.errors import ConfigurationError
-from mocap_fit.io import Label, Labels, Tier, write_labels
+from mocap_fit.io import Label, Labels, Tier, read_tracks, write_labels, write_qualisys_tsv
 from mocap_fit.tracks import read_parquet
 
 FIXTURES = Path(__file__).parents[3] / "fixtures"
@@ -209,10 +209,18 @@ class TestReports:
 
 class TestLooseFiles:
     def test_the_folder_of_a_lab_is_clean(self, recorded):
-        findings = found_in(recorded, phone_set="sv-sta")
-        assert [f for f in findings if f.code != "MF003"] == []
-        (left_out,) = findings
-        assert "sentences.tsv" in left_out.found
+        assert found_in(recorded, phone_set="sv-sta") == []
+
+    def test_a_recording_of_another_rate_than_the_others(self, recorded, tmp_path):
+        folder = Path(shutil.copytree(recorded / "recordings", tmp_path / "recordings"))
+        odd = folder / "sim003.tsv"
+        write_qualisys_tsv(read_tracks(odd).replace(rate=50.0), odd)
+        (folder / "notes.tsv").write_text("who\twhat\n1\t2\n", "utf-8")
+        findings = found_in(folder)
+        assert listed(findings) == ["MF141", "MF003"]
+        assert findings[0].place.file == str(odd)
+        assert findings[0].found == "50 Hz"
+        assert "notes.tsv" in findings[1].found
 
     def test_recording_labels_and_sound_of_one_name_are_one_utterance(self, recorded, tmp_path):
         parts = ("recordings/sim001.tsv", "labels/sim001.TextGrid", "sound/sim001.wav")
