@@ -15,6 +15,7 @@ from mocap_fit.phones import UnknownPhone
 
 _PLACES = 5
 _LISTED = 5
+_WARNINGS = 10
 _FIGURES = (
     "frames",
     "fitted",
@@ -36,11 +37,15 @@ def lines_of(outcomes: Mapping[str, Outcome], left: Sequence[str] = ()) -> list[
     What is wrong with many for the same reason, such as a missing reference pose, is one line;
     symbols that are not in the phone set are one list for all.
     """
-    lines = []
+    warned = [(name, line) for name in sorted(outcomes) for line in outcomes[name].warnings]
+    lines = [f"warning: {name}: {line}" for name, line in warned[:_WARNINGS]]
+    if len(warned) > _WARNINGS:
+        lines.append(
+            f"warning: {len(warned) - _WARNINGS} more: the column checks of the table has them"
+        )
     reasons: dict[str, list[str]] = {}
     for name in sorted(outcomes):
         outcome = outcomes[name]
-        lines += [f"warning: {name}: {line}" for line in outcome.warnings]
         if outcome.error is not None and not outcome.unknown:
             reasons.setdefault(outcome.error, []).append(name)
     for reason, names in reasons.items():
