@@ -258,8 +258,8 @@ def _rates(summaries: Sequence[Summary], limits: Thresholds) -> Iterator[Finding
     usual = float(np.median([summary.figures["rate"] for summary in told]))
 
     def differs(summary: Summary) -> bool:
-        off: float = abs(summary.figures["rate"] / usual - 1)
-        return off > limits.time.rate
+        allowed: float = limits.time.rate
+        return abs(summary.figures["rate"] / usual - 1) > allowed
 
     others = [summary for summary in told if differs(summary)]
     # Of a mixture of recordings none is wrong.
