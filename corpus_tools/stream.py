@@ -99,7 +99,9 @@ class _Reader:
 def _segment(text: str, line: int) -> PhoneSegment:
     try:
         start, end, phone, stress = _fields(text)
-        return PhoneSegment(float(start), float(end), phone, None if stress is None else int(stress))
+        return PhoneSegment(
+            float(start), float(end), phone, None if stress is None else int(stress)
+        )
     except (ValueError, KeyError, TypeError):
         raise FileFormatError(
             "the line is not a phone", path="stdin", line=line, found=text, expected=_EXPECTED
