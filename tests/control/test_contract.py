@@ -8,6 +8,7 @@ import contextlib
 import dataclasses
 import io
 import math
+import re
 import subprocess
 import sys
 import zipfile
@@ -429,6 +430,23 @@ def test_a_changed_byte_never_ends_in_anything_but_our_error(name, trained, tmp_
         with contextlib.suppress(MocapFitError):
             loaded = control.load(bad)
             assert loaded.name in control.names()
+
+
+def test_a_changed_byte_of_the_archive_s_own_tables_is_refused_in_our_words(trained, tmp_path):
+    whole = saved(trained("mean"), tmp_path)
+    bad = tmp_path / "bad.npz"
+    tables = [match.start() for match in re.finditer(b"PK", whole)]
+    refused = 0
+    for position in sorted({at + offset for at in tables for offset in range(46)}):
+        if position < len(whole):
+            bad.write_bytes(
+                whole[:position] + bytes([whole[position] ^ 0xFF]) + whole[position + 1 :]
+            )
+            try:
+                control.load(bad)
+            except FileFormatError:
+                refused += 1
+    assert refused > 30
 
 
 def test_nothing_in_a_model_file_is_run(tmp_path):
