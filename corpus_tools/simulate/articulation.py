@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 from pydantic import Field
 
-from corpus_tools.simulate.dynamics import JAW, LipDistance, Pull, move
+from corpus_tools.simulate.dynamics import JAW, LOWER, UPPER, LipDistance, Pull, move
 from corpus_tools.simulate.session import gesture as wandering
 from corpus_tools.simulate.traits import Rule, Strict, load_table, plain_sound, traits
 from mocap_fit.face import Rig
@@ -24,7 +24,7 @@ from mocap_fit.tracks import FloatArray
 
 # Steps a second of the simulation, and how long a gesture takes to be all there or all gone.
 _RATE = 300.0
-_RAMP = 0.03
+_RAMP, _LIPS_RAMP = 0.03, 0.06
 # Seconds.
 _AT_ENDS = 1.0
 # The second target of a diphthong is on its way this long before its time.
@@ -194,8 +194,8 @@ class Articulator:
         weights = np.full((steps, count), table.neutral.strength)
         sums = weights * (self._neutral + self._setting)
         stiff = weights * table.neutral.stiffness
-        lips_weights = np.zeros((steps, 2))
-        lips = np.zeros((steps, 2))
+        free = np.ones((steps, 2))
+        lips = np.zeros((steps, 4))
         for active in self._gestures(phones):
             gesture, noise = active.gesture, _Noise(rng, table)
             moves = noise.onset, noise.offset
@@ -217,18 +217,15 @@ class Articulator:
                 sums[part, index] += pull * goal
                 stiff[part, index] += pull * stiffness
             if gesture.lips is not None:
-                part, activation = _activation(clock, active, active.start, moves)
+                part, activation = _activation(clock, active, active.start, moves, _LIPS_RAMP)
                 pull = gesture.strength * activation
                 share = gesture.lips.share
                 # Lips that are to close do, whatever the noise.
                 distance = gesture.lips.distance + noise.lips
                 if gesture.lips.distance < 0:
                     distance = min(distance, 0.5 * gesture.lips.distance)
-                both = np.array([float(share > 0), 1.0])
-                lips_weights[part] += pull[:, None] * both
-                lips[part] += pull[:, None] * [distance, share]
-                for i, name in enumerate(("upper_lip_raise", "lower_lip_depression")):
-                    stiff[part, names.index(name)] += pull * both[i] * stiffness
+                free[part] *= 1.0 - activation[:, None] * [float(share > 0), 1.0]
+                lips[part] += pull[:, None] * [1.0, distance, share, stiffness]
         coarse = np.arange(clock[0], clock[-1] + 1.0 / _SLOW_RATE, 1.0 / _SLOW_RATE)
         slow = np.stack(
             [
@@ -239,20 +236,12 @@ class Articulator:
             ],
             axis=1,
         )
-        total = weights.copy()
-        for i, name in enumerate(("upper_lip_raise", "lower_lip_depression")):
-            total[:, names.index(name)] += lips_weights[:, i]
-        held = np.maximum(lips_weights[:, 1], 1e-12)[:, None]
-        distance, share = (lips / held).T
-        return Pull(
-            1.0 / _RATE,
-            sums / weights + slow,
-            weights,
-            stiff / total,
-            lips_weights,
-            distance,
-            share,
-        )
+        stiff /= weights
+        distance, share, stiffer = (lips[:, 1:] / np.maximum(lips[:, :1], 1e-12)).T
+        for i, name in enumerate((UPPER, LOWER)):
+            own = stiff[:, names.index(name)]
+            own += (1.0 - free[:, i]) * (stiffer - own)
+        return Pull(1.0 / _RATE, sums / weights + slow, stiff, 1.0 - free, distance, share)
 
     def _gestures(self, phones: PhoneSequence) -> Iterator[_Active]:
         """All gestures of an utterance, phone by phone."""
@@ -340,17 +329,23 @@ def _sum(target: Sum, found: dict[str, float]) -> float:
 
 
 def _activation(
-    clock: FloatArray, active: _Active, early: float, moves: tuple[float, float]
+    clock: FloatArray,
+    active: _Active,
+    early: float,
+    moves: tuple[float, float],
+    ramp: float = _RAMP,
 ) -> tuple[slice, FloatArray]:
     """How much of a gesture there is, and in which steps: 0 to 1, with soft ends."""
     start, end = active.start + moves[0], active.end + moves[1]
-    begin = start - max(active.start - early, 0.0) - _RAMP
+    # Half-way in and half-way out at its start and its end; anticipation only ever adds.
+    full, begin = start + 0.5 * ramp, start - max(active.start - early, 0.0) - 0.5 * ramp
+    gone = end + 0.5 * ramp
     part = slice(
-        int(np.searchsorted(clock, begin)), int(np.searchsorted(clock, end + _RAMP, side="right"))
+        int(np.searchsorted(clock, begin)), int(np.searchsorted(clock, gone, side="right"))
     )
     times = clock[part]
-    rise = np.clip((times - begin) / max(start - begin, 1e-9), 0.0, 1.0)
-    fall = np.clip((end + _RAMP - times) / _RAMP, 0.0, 1.0)
+    rise = np.clip((times - begin) / (full - begin), 0.0, 1.0)
+    fall = np.clip((gone - times) / ramp, 0.0, 1.0)
     return part, np.minimum(_smooth(rise), _smooth(fall))
 
 

@@ -69,21 +69,19 @@ class Pull:
         Seconds between steps.
     targets
         `(steps, parameters)`.
-    weights
-        `(steps, parameters)`: the sum of the strengths behind the targets.
     stiffness
         `(steps, parameters)`, radians per second; that of the lips' task is in it.
-    lips_weights
-        `(steps, 2)`: strength of the wish for a distance of the lips, on the upper and the lower.
+    lips_held
+        `(steps, 2)`: how far the upper and the lower lip go by a distance of the lips, 0 to 1, and
+        no longer by the targets.
     lips_distances, lips_shares
         `(steps,)`: that distance, millimetres, and the upper lip's part of the way.
     """
 
     step: float
     targets: FloatArray
-    weights: FloatArray
     stiffness: FloatArray
-    lips_weights: FloatArray
+    lips_held: FloatArray
     lips_distances: FloatArray
     lips_shares: FloatArray
 
@@ -109,8 +107,8 @@ def move(pull: Pull, names: tuple[str, ...], lips: LipDistance) -> FloatArray:
     values, speeds = np.zeros(len(names)), np.zeros(len(names))
     found = np.empty_like(pull.targets)
     for i, target in enumerate(pull.targets):
-        wish_upper, wish_lower = pull.lips_weights[i]
-        if wish_upper + wish_lower > 0:
+        held_upper, held_lower = pull.lips_held[i]
+        if held_lower > 0:
             target = target.copy()
             # A system lags behind a moving target by 2 / w of its way a second.
             ahead = values + speeds * (2.0 / stiffness[i, lower])
@@ -118,12 +116,10 @@ def move(pull: Pull, names: tuple[str, ...], lips: LipDistance) -> FloatArray:
             now = values.copy()
             now[jaw] = ahead[jaw]
             missing = pull.lips_distances[i] - lips.rest - slopes @ now
-            own = pull.weights[i, upper]
             wanted = pull.lips_shares[i] * missing / to_upper
-            target[upper] = (own * target[upper] + wish_upper * wanted) / (own + wish_upper)
-            own = pull.weights[i, lower]
+            target[upper] += held_upper * (wanted - target[upper])
             wanted = (missing - to_upper * ahead[upper]) / to_lower
-            target[lower] = (own * target[lower] + wish_lower * wanted) / (own + wish_lower)
+            target[lower] += held_lower * (wanted - target[lower])
         off = values - target
         inertia = speeds + stiffness[i] * off
         values = target + (off + inertia * step) * decay[i]

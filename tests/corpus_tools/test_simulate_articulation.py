@@ -279,7 +279,6 @@ def test_a_lone_gesture_is_critically_damped(face, stiffness, target, step):
     pull = Pull(
         step,
         np.full(shape, target),
-        np.ones(shape),
         np.full(shape, stiffness),
         np.zeros((steps, 2)),
         np.zeros(steps),
