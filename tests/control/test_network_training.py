@@ -187,6 +187,28 @@ def test_utterances_without_values_do_not_count(small_corpus, tmp_path):
         control.create("ann").fit(Corpus.of([empty], "sv-sta"))
 
 
+def test_drift_between_utterances_can_be_left_alone():
+    corpus = told_by_networks(sentences(20), [("open", "round")], (4,), behind=5, ahead=5)
+    training, test = corpus.held_out(0.2)
+    rng = np.random.default_rng(4)
+
+    def drifted(utterance):
+        tracks = utterance.tracks
+        values = tracks.values + rng.normal(0.0, 3 * np.std(tracks.values), 2)
+        return Utterance.of(tracks.replace(values=values), utterance.phones)
+
+    training = Corpus.of([drifted(utterance) for utterance in training], "sv-sta")
+    errors = []
+    for forgiven in (0.0, 0.99):
+        model = control.create(
+            "ann", hidden_units=8, frames_behind=5, frames_ahead=5, epochs=25,
+            learning_rate=0.01, forgiven_offset=forgiven,
+        ).fit(training)  # fmt: skip
+        apart = [model.predict_at(u.phones, u.tracks.times) - u.tracks.values for u in test]
+        errors.append(np.sqrt(np.mean([np.var(each, axis=0) for each in apart])))
+    assert errors[1] < 0.7 * errors[0]
+
+
 # -- going on ----------------------------------------------------------------------------------
 
 

@@ -26,6 +26,7 @@ from mocap_fit.control.networks.recurrent import (
     errors_and_gradient,
     hidden_units,
     network_outputs,
+    without_offsets,
 )
 from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.phones import PhoneSegment, PhoneSequence, load_phone_set
@@ -90,6 +91,7 @@ def test_groups_and_hidden_units_of_ones_own():
         ({"patience": 0}, "patience"),
         ({"batch_size": 0}, "batch_size"),
         ({"averaging": 1.0}, "averaging"),
+        ({"forgiven_offset": 1.0}, "forgiven_offset"),
         ({"learning_rate": math.nan}, "learning_rate"),
         ({"seed": -1}, "seed"),
     ],
@@ -235,15 +237,16 @@ def test_a_run_can_be_gone_on_with():
     np.testing.assert_allclose(second, whole[:, :, 6:], atol=1e-12)
 
 
-def test_gradients_agree_with_finite_differences():
+@pytest.mark.parametrize("forgiven", [0.0, 0.9])
+def test_gradients_agree_with_finite_differences(forgiven):
     weights, seen, targets, counted = problem()
     counts = counted.sum(axis=(1, 2, 3))
 
     def error(changed):
-        squares, _ = errors_and_gradient(changed, seen, targets, counted)
+        squares, _ = errors_and_gradient(changed, seen, targets, counted, forgiven)
         return float((squares.sum(axis=1) / counts).sum())
 
-    _, gradient = errors_and_gradient(weights, seen, targets, counted)
+    _, gradient = errors_and_gradient(weights, seen, targets, counted, forgiven)
     rng = np.random.default_rng(0)
     for kind, slope in enumerate(gradient):
         for _ in range(12):
@@ -267,6 +270,18 @@ def test_errors_count_only_what_counts():
     found = network_outputs(weights, hidden_units(weights, seen)[:, :, weights.delays :])
     wanted = (((found - targets) * counted) ** 2).sum(axis=(1, 2))
     np.testing.assert_allclose(squares, wanted, atol=1e-12)
+
+
+def test_what_is_forgiven_is_a_sentences_mean():
+    rng = np.random.default_rng(2)
+    counted = (rng.random((1, 3, 20, 2)) < 0.7).astype(float)
+    difference = rng.normal(size=counted.shape) * counted
+    assert without_offsets(difference, counted, 0.0) is difference
+    kept = without_offsets(difference, counted, 1.0)
+    np.testing.assert_allclose(kept.sum(axis=2), 0.0, atol=1e-12)
+    wanted = difference - difference.sum(axis=2, keepdims=True) / counted.sum(axis=2, keepdims=True)
+    np.testing.assert_allclose(kept, wanted * counted, atol=1e-12)
+    assert not without_offsets(np.zeros((1, 1, 4, 1)), np.zeros((1, 1, 4, 1)), 0.5).any()
 
 
 # -- predictions, whole and live ---------------------------------------------------------------

@@ -153,8 +153,28 @@ def network_outputs(weights: Weights, units: Array) -> Array:
     return np.asarray(found).reshape(networks, sentences, frames, -1)
 
 
+def without_offsets(difference: Array, counted: Array, forgiven: float) -> Array:
+    """Errors, less a share of every sentence's mean error.
+
+    Parameters
+    ----------
+    difference
+        `(networks, sentences, frames, outputs)`, 0 where a value does not count.
+    counted
+        The same shape: 1 where a value counts, else 0.
+    forgiven
+        The share, 0 to 1. The products with `difference` add up to its squares, less that share
+        of the squares of a sentence's mean.
+    """
+    if not forgiven:
+        return difference
+    means = difference.sum(axis=2, keepdims=True)
+    means /= np.maximum(counted.sum(axis=2, keepdims=True), 1)
+    return np.asarray(difference - difference.dtype.type(forgiven) * means * counted)
+
+
 def errors_and_gradient(
-    weights: Weights, seen: Array, targets: Array, counted: Array
+    weights: Weights, seen: Array, targets: Array, counted: Array, forgiven: float = 0.0
 ) -> tuple[Array, Weights]:
     """Squared errors, and their gradient by back-propagation through time.
 
@@ -168,11 +188,13 @@ def errors_and_gradient(
         `(networks, sentences, frames, outputs)`; any number where a value does not count.
     counted
         The same shape: 1 where a value counts, else 0.
+    forgiven
+        Share of every sentence's mean error that does not count (`without_offsets`).
 
     Returns
     -------
     squares
-        `(networks, outputs)`: sums of the squared errors (eq. 5 of Beskow).
+        `(networks, outputs)`: sums of the squared errors that count (eq. 5 of Beskow).
     gradient
         Of each network's squared error over its number of counted values.
     """
@@ -182,11 +204,12 @@ def errors_and_gradient(
     units = hidden_units(weights, seen)
     flat_units = np.ascontiguousarray(units[:, :, delays:]).reshape(networks, -1, hidden)
     difference = flat_units @ weights.outputs + weights.output_bias
-    flat_targets = targets.reshape(difference.shape)
-    difference = (difference - flat_targets) * counted.reshape(difference.shape)
-    squares = np.einsum("nfo,nfo->no", difference, difference)
+    difference = (difference.reshape(targets.shape) - targets) * counted
+    kept = without_offsets(difference, counted, forgiven)
+    squares = np.einsum("nbfo,nbfo->no", difference, kept)
+    difference = kept.reshape(networks, sentences * frames, -1)
     count = counted.sum(axis=(1, 2, 3)).reshape(-1, 1, 1)
-    difference *= 2.0 / np.maximum(count, 1)
+    difference = difference * (2.0 / np.maximum(count, 1)).astype(difference.dtype)
 
     of_outputs = flat_units.transpose(0, 2, 1) @ difference
     of_output_bias = difference.sum(axis=1, keepdims=True)

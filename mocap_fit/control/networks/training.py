@@ -20,6 +20,7 @@ from mocap_fit.control.networks.recurrent import (
     errors_and_gradient,
     hidden_units,
     network_outputs,
+    without_offsets,
 )
 from mocap_fit.control.networks.stack import Network, Stack
 from mocap_fit.errors import FileFormatError
@@ -46,6 +47,8 @@ class Plan:
     averaging
         Share of the old in the running average of the weights, which is what is validated and
         kept.
+    forgiven
+        Share of every sentence's mean error that does not count.
     seed
         Of the first weights, and of the order of sentences.
     """
@@ -55,6 +58,7 @@ class Plan:
     batch_size: int
     learning_rate: float
     averaging: float
+    forgiven: float
     seed: int
 
 
@@ -152,7 +156,9 @@ class Training:
             for stack, errors in zip(self.stacks, learned, strict=True):
                 if stack.active:
                     targets, counted = stack.wanted(data)
-                    squares, gradient = errors_and_gradient(stack.weights, seen, targets, counted)
+                    squares, gradient = errors_and_gradient(
+                        stack.weights, seen, targets, counted, self.plan.forgiven
+                    )
                     stack.step(gradient, rate, self.plan.averaging)
                     errors[0, stack.active] += squares
                     errors[1, stack.active] += counted.sum(axis=(1, 2))
@@ -167,7 +173,8 @@ class Training:
             units = hidden_units(stack.average, windows(data.inputs, self._context))
             found = network_outputs(stack.average, units[:, :, stack.average.delays :])
             difference = ((found - targets) * counted).astype(np.float64)
-            errors[0, stack.active] += np.square(difference).sum(axis=(1, 2))
+            kept = without_offsets(difference, counted, self.plan.forgiven)
+            errors[0, stack.active] += (difference * kept).sum(axis=(1, 2))
             errors[1, stack.active] += counted.sum(axis=(1, 2))
         return errors
 
