@@ -144,7 +144,7 @@ def grow(
         np.empty(room, dtype=np.int64),
         *(np.empty(room) for _ in range(4)),
     )
-    run = _grow if use_numba and HAS_NUMBA else _grow_plainly
+    run = grow_into if use_numba and HAS_NUMBA else grow_plainly
     nodes = run(
         levels,
         centred,
@@ -163,7 +163,7 @@ def grow(
 
 
 @compiled
-def _grow(  # type: ignore[no-untyped-def]  # numba infers the types
+def grow_into(  # type: ignore[no-untyped-def]  # numba infers the types
     levels,
     targets,
     folds,
@@ -185,6 +185,7 @@ def _grow(  # type: ignore[no-untyped-def]  # numba infers the types
     validated,
     gains,
 ):
+    """Grow a tree into arrays that have room for it: `Asked`, what `grow` takes, and `Grown`."""
     examples = len(chosen)
     attributes = levels.shape[0]
     size = sides.shape[1]
@@ -379,7 +380,7 @@ def _follows(level, other, keys):  # type: ignore[no-untyped-def]
     return keys[level] > keys[other] or (keys[level] == keys[other] and level > other)
 
 
-def _grow_plainly(
+def grow_plainly(
     levels: ByteArray,
     targets: FloatArray,
     folds: IntArray,
@@ -394,7 +395,7 @@ def _grow_plainly(
     by_node: bool,
     *arrays: Any,
 ) -> int:
-    """What `_grow` does, in numpy: a node at a time, all cuts of an attribute at once."""
+    """What `grow_into` does, in numpy: a node at a time, all cuts of an attribute at once."""
     tree = Grown(*arrays)
     waiting = [chosen]
     order: dict[int, IntArray] = {}

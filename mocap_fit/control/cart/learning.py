@@ -21,10 +21,10 @@ from mocap_fit.control.cart.contexts import (
     resistance_of,
     targets,
 )
-from mocap_fit.control.cart.growing import FIXED, ORDERED, SUBSET, Asked, Grown, IntArray, grow
-from mocap_fit.control.cart.pruning import STRENGTHS, Judged, judge, pruned, strengths_of
+from mocap_fit.control.cart.growing import FIXED, ORDERED, SUBSET, Asked, Grown, IntArray
+from mocap_fit.control.cart.pruning import STRENGTHS, Judged, grow_pruned, judge, strengths_of
 from mocap_fit.control.cart.questions import Attribute, Question
-from mocap_fit.control.cart.tree import Tree, finished
+from mocap_fit.control.cart.tree import Made, Tree, finished
 from mocap_fit.corpus import Corpus
 from mocap_fit.phones import PhoneSequence, PhoneSet
 from mocap_fit.tracks import FloatArray
@@ -274,6 +274,8 @@ class Grower:
         )
         found = []
         values = self.examples.targets[rows]
+        # By name: whatever other trees there are.
+        rng = np.random.default_rng([self.growth.seed, int(with_sound), *key_of.encode()])
         for p in range(values.shape[1]):
             for a in by_parameter:
                 levels[a] = columns[a][rows, p]
@@ -282,49 +284,54 @@ class Grower:
             if not count:
                 continue
             own = levels.copy() if count == len(known) else np.ascontiguousarray(levels[:, known])
-            # The folds are drawn once a tree, by its name, whatever other trees there are.
-            seed = [self.growth.seed, p, int(with_sound), *key_of.encode()]
-            folds = np.random.default_rng(seed).permutation(np.arange(count) % self.growth.folds)
+            # The folds are drawn once a tree.
+            folds = rng.permutation(np.arange(count) % self.growth.folds)
             key = TreeKey(key_of, p, pooled, with_sound)
             found.append(_Sample(key, own, values[known, p], folds, asked, asks, edges))
         return found
 
-    def grown(self, sample: _Sample, held_out: int = -1) -> Grown:
-        """A tree before it is pruned."""
+    def pruned(self, sample: _Sample, strength: float) -> Grown:
+        """A tree, grown and pruned."""
         growth = self.growth
-        return grow(
+        return grow_pruned(
             sample.levels,
             sample.targets,
             sample.folds,
             sample.asked,
+            strength,
             fold_count=growth.folds,
             smallest=growth.smallest,
             least_gain=growth.least_gain,
             phone_order=growth.phone_order,
-            held_out=held_out,
         )
 
-    def finished(self, sample: _Sample, grown: Grown) -> Tree:
-        """A tree as it is kept."""
-        return finished(
-            grown,
-            self.questions,
-            sample.numbers.tolist(),
-            sample.asked.members,
-            sample.asked.attributes.tolist(),
-            sample.edges,
-            self._groups,
-        )
+    def finished(self, samples: Sequence[_Sample], grown: Sequence[Grown]) -> list[Tree]:
+        """Trees as they are kept."""
+        made = [
+            Made(tree, sample.numbers, sample.edges)
+            for sample, tree in zip(samples, grown, strict=True)
+        ]
+        attributes, members = self._asked.attributes.tolist(), self._asked.members
+        return finished(made, self.questions, attributes, members, self._groups)
 
     def judged(self, sample: _Sample, fold: int, strengths: FloatArray) -> Judged | None:
         """What the examples of one fold say of the trees that the others grow."""
-        is_out = sample.folds == fold
-        if is_out.all() or not is_out.any():
+        in_fold = np.count_nonzero(sample.folds == fold)
+        if in_fold in (0, len(sample.folds)):
             return None
-        tree = self.grown(sample, fold)
-        out = np.flatnonzero(is_out)
-        errors, squares = judge(tree, sample.levels, sample.targets, out, sample.asked, strengths)
-        return Judged(strengths, errors, squares, len(out))
+        growth = self.growth
+        return judge(
+            sample.levels,
+            sample.targets,
+            sample.folds,
+            fold,
+            sample.asked,
+            strengths,
+            fold_count=growth.folds,
+            smallest=growth.smallest,
+            least_gain=growth.least_gain,
+            phone_order=growth.phone_order,
+        )
 
     def judged_together(self, samples: Sequence[_Sample]) -> Judged:
         """What held-out examples of all trees say of each strength.
@@ -352,8 +359,9 @@ class Grower:
                 break
         return Judged(STRENGTHS, errors, squares, count)
 
-    def judged_alone(self, sample: _Sample, tree: Grown) -> Judged:
+    def judged_alone(self, sample: _Sample) -> Judged:
         """What all folds of a tree say of the trees of its own sequence (Breiman et al. 3.4.2)."""
+        tree = self.pruned(sample, -np.inf)
         own = np.unique(strengths_of(tree)[tree.questions >= 0])
         own = own[own > 0]
         # Between two steps of the sequence, as is usual; and the root alone.
@@ -390,18 +398,17 @@ def learn(grower: Grower, by_stress: bool) -> tuple[dict[TreeKey, Tree], Judged 
     for symbol in np.unique(symbols):
         samples += grower.samples(str(symbol), np.flatnonzero(symbols == symbol))
     samples += _pooled_samples(grower, {(s.key.of, s.key.parameter) for s in samples}, by_stress)
-    judged, strength = None, 0.0
+    judged, strength = None, -np.inf
     if growth.pruning == "together":
         judged = grower.judged_together([s for s in samples if not s.key.pooled])
         strength = judged.best(growth.one_standard_error)
-    trees: dict[TreeKey, Tree] = {}
+    grown: list[Grown] = []
     for sample in samples:
-        tree = grower.grown(sample)
         if growth.pruning == "each":
-            strength = grower.judged_alone(sample, tree).best(growth.one_standard_error)
-        if growth.pruning != "none":
-            tree = pruned(tree, strength)
-        trees[sample.key] = grower.finished(sample, tree)
+            strength = grower.judged_alone(sample).best(growth.one_standard_error)
+        grown.append(grower.pruned(sample, strength))
+    finished_trees = grower.finished(samples, grown)
+    trees = {sample.key: tree for sample, tree in zip(samples, finished_trees, strict=True)}
     # A tree that asks nothing of the sound is the one without it, or as good.
     silent = [
         key

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from mocap_fit.control.cart.contexts import ByteArray
-from mocap_fit.control.cart.gains import compiled
-from mocap_fit.control.cart.growing import Asked, Grown, IntArray
+from mocap_fit.control.cart.gains import HAS_NUMBA, compiled
+from mocap_fit.control.cart.growing import Asked, Grown, IntArray, grow, grow_into
 from mocap_fit.tracks import FloatArray
 
 #: Strengths that are tried for all trees together; with the last hardly a cut stays.
@@ -148,57 +148,290 @@ def pruned(tree: Grown, strength: float) -> Grown:
     return Grown(*(array[kept] for array in arrays))
 
 
-def judge(
-    tree: Grown,
+def grow_pruned(
     levels: ByteArray,
     targets: FloatArray,
-    examples: IntArray,
+    folds: IntArray,
     asked: Asked,
-    strengths: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Errors of held-out examples at each strength.
+    strength: float,
+    *,
+    fold_count: int,
+    smallest: int,
+    least_gain: float,
+    phone_order: str,
+    use_numba: bool = True,
+) -> Grown:
+    """Grow a tree and prune it.
 
     Parameters
     ----------
-    tree
-        Grown without them.
-    levels, targets
-        `(attributes, examples)` and `(examples,)`.
-    examples
-        Which were held out.
-    asked
-        The questions.
+    levels, targets, folds, asked, fold_count, smallest, least_gain, phone_order, use_numba
+        As for `grow`.
+    strength
+        As for `pruned`.
+    """
+    how = (fold_count, smallest, least_gain, phone_order == "node")
+    if use_numba and HAS_NUMBA:
+        return Grown(*_grow_pruned(levels, targets, folds, *asked, *how, strength))
+    tree = grow(
+        levels,
+        targets,
+        folds,
+        asked,
+        fold_count=fold_count,
+        smallest=smallest,
+        least_gain=least_gain,
+        phone_order=phone_order,
+        use_numba=False,
+    )
+    return pruned(tree, strength)
+
+
+def judge(
+    levels: ByteArray,
+    targets: FloatArray,
+    folds: IntArray,
+    fold: int,
+    asked: Asked,
+    strengths: FloatArray,
+    *,
+    fold_count: int,
+    smallest: int,
+    least_gain: float,
+    phone_order: str,
+    use_numba: bool = True,
+) -> Judged:
+    """Grow a tree without one fold, and let that fold say how strongly to prune it.
+
+    Parameters
+    ----------
+    levels, targets, folds, asked, fold_count, smallest, least_gain, phone_order, use_numba
+        As for `grow`; at least one example is not in the fold.
+    fold
+        Which is held out.
     strengths
         `(strengths,)`, ascending.
-
-    Returns
-    -------
-    errors, squares
-        `(strengths,)` each: squared errors added up, and their squares.
     """
     errors, squares = np.zeros(len(strengths)), np.zeros(len(strengths))
+    how = (fold_count, smallest, least_gain, phone_order == "node")
+    if use_numba and HAS_NUMBA:
+        count = _judge_fold(levels, targets, folds, fold, *asked, *how, strengths, errors, squares)
+        return Judged(strengths, errors, squares, int(count))
+    tree = grow(
+        levels,
+        targets,
+        folds,
+        asked,
+        fold_count=fold_count,
+        smallest=smallest,
+        least_gain=least_gain,
+        phone_order=phone_order,
+        held_out=fold,
+        use_numba=False,
+    )
+    out = np.flatnonzero(folds == fold)
+    sizes = tree.counts[tree.children]
+    larger = np.where(tree.questions >= 0, sizes[:, 1] > sizes[:, 0], 0).astype(np.int64)
     _judge(
         levels,
         targets,
-        examples,
+        out,
         asked.attributes,
         tree.questions,
         tree.sides,
         tree.children,
-        _larger_sides(tree),
+        larger,
         tree.means,
         strengths_of(tree),
         strengths,
         errors,
         squares,
     )
-    return errors, squares
+    return Judged(strengths, errors, squares, len(out))
 
 
-def _larger_sides(tree: Grown) -> IntArray:
-    """Of each node, the side with more examples; 0 in a leaf."""
-    counts = tree.counts[tree.children]
-    return np.where(tree.questions >= 0, counts[:, 1] > counts[:, 0], 0).astype(np.int64)
+@compiled
+def _grown_with_strengths(  # type: ignore[no-untyped-def]  # numba infers the types
+    levels,
+    targets,
+    folds,
+    chosen,
+    of_attribute,
+    kinds,
+    members,
+    sizes,
+    fold_count,
+    smallest,
+    least_gain,
+    by_node,
+):
+    """What `grow` and `strengths_of` do, without Python between."""
+    middle = 0.0
+    for example in chosen:
+        middle += targets[example]
+    middle /= len(chosen)
+    centred = targets - middle
+    for example in range(len(centred)):
+        if abs(centred[example]) <= 1e-12 * abs(middle):
+            centred[example] = 0.0
+    room = 2 * len(chosen) + 1
+    questions, sides = np.empty(room, np.int64), np.empty((room, sizes.max()), np.uint8)
+    children, counts = np.empty((room, 2), np.int64), np.empty(room, np.int64)
+    means, errors = np.empty(room), np.empty(room)
+    validated, gains = np.empty(room), np.empty(room)
+    nodes = grow_into(
+        levels,
+        centred,
+        folds,
+        chosen,
+        of_attribute,
+        kinds,
+        members,
+        sizes,
+        fold_count,
+        smallest,
+        least_gain,
+        by_node,
+        questions,
+        sides,
+        children,
+        counts,
+        means,
+        errors,
+        validated,
+        gains,
+    )
+    for node in range(nodes):
+        means[node] += middle
+    if nodes == 1:
+        strong = np.full(1, -np.inf)
+    else:
+        known = validated[:nodes]
+        strong = _weakest_first(children[:nodes], known, known / counts[:nodes])
+    return questions, sides, children, counts, means, errors, validated, gains, strong
+
+
+@compiled
+def _judge_fold(  # type: ignore[no-untyped-def]  # numba infers the types
+    levels,
+    targets,
+    folds,
+    fold,
+    of_attribute,
+    kinds,
+    members,
+    sizes,
+    fold_count,
+    smallest,
+    least_gain,
+    by_node,
+    strengths,
+    errors,
+    squares,
+):
+    """`judge` without Python: no array of the tree outlives it."""
+    out, chosen = np.flatnonzero(folds == fold), np.flatnonzero(folds != fold)
+    questions, sides, children, counts, means, _, _, _, strong = _grown_with_strengths(
+        levels,
+        targets,
+        folds,
+        chosen,
+        of_attribute,
+        kinds,
+        members,
+        sizes,
+        fold_count,
+        smallest,
+        least_gain,
+        by_node,
+    )
+    larger = np.zeros(len(strong), np.int64)
+    for node in range(len(strong)):
+        if questions[node] >= 0 and counts[children[node, 1]] > counts[children[node, 0]]:
+            larger[node] = 1
+    _judge(
+        levels,
+        targets,
+        out,
+        of_attribute,
+        questions,
+        sides,
+        children,
+        larger,
+        means,
+        strong,
+        strengths,
+        errors,
+        squares,
+    )
+    return len(out)
+
+
+@compiled
+def _grow_pruned(  # type: ignore[no-untyped-def]  # numba infers the types
+    levels,
+    targets,
+    folds,
+    of_attribute,
+    kinds,
+    members,
+    sizes,
+    fold_count,
+    smallest,
+    least_gain,
+    by_node,
+    strength,
+):
+    """What `grow` and `pruned` do, without Python between."""
+    questions, sides, children, counts, means, errors, validated, gains, strong = (
+        _grown_with_strengths(
+            levels,
+            targets,
+            folds,
+            np.arange(len(folds)),
+            of_attribute,
+            kinds,
+            members,
+            sizes,
+            fold_count,
+            smallest,
+            least_gain,
+            by_node,
+        )
+    )
+    nodes = len(strong)
+    kept = np.zeros(nodes, np.bool_)
+    numbers = np.zeros(nodes, np.int64)
+    kept[0] = True
+    count = 0
+    for node in range(nodes):
+        if kept[node]:
+            numbers[node] = count
+            count += 1
+            if questions[node] >= 0 and strong[node] >= strength:
+                kept[children[node, 0]] = True
+                kept[children[node, 1]] = True
+            else:
+                questions[node] = -1
+    rows = np.flatnonzero(kept)
+    new_children = np.full((count, 2), -1)
+    for row in range(count):
+        node = rows[row]
+        if questions[node] >= 0:
+            new_children[row, 0] = numbers[children[node, 0]]
+            new_children[row, 1] = numbers[children[node, 1]]
+        else:
+            gains[node] = 0.0
+    return (
+        questions[rows],
+        sides[rows],
+        new_children,
+        counts[rows],
+        means[rows],
+        errors[rows],
+        validated[rows],
+        gains[rows],
+    )
 
 
 @compiled
