@@ -21,6 +21,7 @@ ROOMS = {
     "mocap_fit": (
         "errors",
         "registry",
+        "whole_file",
         "drawing",
         "tracks",
         "phones",

@@ -9,10 +9,10 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mocap_fit.errors import FileFormatError
+from mocap_fit.whole_file import whole_file
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -48,20 +48,8 @@ def write_table(
         {"format_version": FORMAT_VERSION, **description}, sort_keys=True, ensure_ascii=False
     )
     table = pa.table(dict(columns)).replace_schema_metadata({_KEY: text.encode()})
-    target = Path(path)
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
-    try:
+    with whole_file(path) as partial:
         pq.write_table(table, partial, compression="zstd", write_page_checksum=True)
-        os.replace(partial, target)
-    except OSError as error:
-        raise FileFormatError(
-            "the file cannot be written",
-            path=path,
-            found=os.strerror(error.errno) if error.errno else error,
-            advice="Check that the folder exists and may be written to.",
-        ) from None
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def kind_of(path: str | os.PathLike[str]) -> str | None:
