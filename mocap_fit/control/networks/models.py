@@ -119,7 +119,7 @@ class SymmetricNetworks(ControlModel):
         ConfigurationError
             If the groups do not hold every parameter once, or do not go with the hidden units.
         """
-        names = self.parameter_names_ if self.is_fitted else ARTICULATORY_PARAMETERS
+        names = getattr(self, "parameter_names_", ARTICULATORY_PARAMETERS)
         groups = self.groups
         if groups is None:
             ten = set(names) == set(ARTICULATORY_PARAMETERS)
@@ -148,6 +148,11 @@ class SymmetricNetworks(ControlModel):
             Network(name, tuple(names.index(parameter) for parameter in group), size)
             for (name, group), size in zip(groups.items(), hidden, strict=True)
         )
+
+    @property
+    def is_fitted(self) -> bool:
+        """Whether it has learned; a training that was broken off leaves a model that has not."""
+        return hasattr(self, "running_")
 
     @property
     def _inputs(self) -> int:
