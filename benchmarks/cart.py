@@ -36,7 +36,6 @@ import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -47,7 +46,8 @@ from sklearn.tree import DecisionTreeRegressor
 
 from mocap_fit.control.cart import Cart
 from mocap_fit.control.cart.contexts import resistance_of
-from mocap_fit.control.cart.learning import Examples, binned, collect, read_corpus
+from mocap_fit.control.cart.examples import Examples, collect, read_corpus
+from mocap_fit.control.cart.learning import binned
 from mocap_fit.corpus import Corpus, Utterance, open_corpus
 from mocap_fit.phones import (
     ARTICULATORY_PARAMETERS,
@@ -62,7 +62,7 @@ PEER = "scikit-learn, 10-fold cost-complexity"
 # Trainings of ours, of whose times the median counts.
 ROUNDS = 3
 # Utterances, and with --quick; every how many trees the peer gets one.
-MADE, SIMULATED = (1000, 1000), (287, 130)
+MADE, SIMULATED = (1000, 700), (287, 110)
 PEER_EVERY = {"made": (4, 20), "simulated": (1, 8), "grid_s1": (1, 1)}
 
 # What the defaults are compared with in the full form.
@@ -169,7 +169,6 @@ def real_corpus(data: Path, converted: Path | None) -> Corpus | None:
 class Task(NamedTuple):
     """What a tree of the peer is trained on and asked."""
 
-    symbol: str
     parameter: int
     questions: FloatArray
     targets: FloatArray
@@ -186,48 +185,49 @@ def segments_of(corpus: Corpus, model: Cart) -> tuple[Examples, NDArray[np.int64
     return collect(phones, found, model._reader, model.by_stress), owner, selected
 
 
-def tasks(model: Cart, train: Examples, test: Examples) -> Iterator[Task]:
-    """The targets and questions of every phone and parameter, as columns."""
+def named(train: Examples, test: Examples) -> list[tuple[str, int]]:
+    """Phones and parameters that have targets in both parts, those with few examples first."""
+    found = []
     for symbol in np.unique(train.symbols):
-        rows, asked = (np.flatnonzero(part.symbols == symbol) for part in (train, test))
-        has_sound = 2 * np.isfinite(train.energies[rows]).sum() >= len(rows)
-        for p in range(train.targets.shape[1]):
-            known = rows[np.isfinite(train.targets[rows, p])]
-            new = asked[np.isfinite(test.targets[asked, p])]
-            if not (len(known) and len(new)):
-                continue
-            targets = train.targets[known, p]
-            columns = []
-            for question, a in zip(model.questions_, model._of_attribute, strict=True):
-                if question.attribute.needs_sound and not has_sound:
-                    continue
-                mine, theirs = (
-                    part.columns[a][own] if part.columns[a].ndim == 1 else part.columns[a][own, p]
-                    for part, own in ((train, known), (test, new))
-                )
-                if not question.is_open:
-                    members = model._reader.alphabet.members(question.phone_class, question.phones)
-                    columns.append((members[mine], members[theirs]))
-                elif question.attribute.is_phone:
-                    size = model._reader.alphabet.levels
-                    counts = np.bincount(mine, minlength=size)
-                    means = np.bincount(mine, targets, size) / np.maximum(counts, 1)
-                    means = np.where(counts > 0, means, targets.mean())
-                    columns.append((means[mine], means[theirs]))
-                else:
-                    levels, edges = binned(mine)
-                    others = np.searchsorted(edges, theirs, side="left")
-                    columns.append((levels, np.where(np.isfinite(theirs), others, len(edges) + 1)))
-            before, after = (np.stack(part, axis=1) for part in zip(*columns, strict=True))
-            yield Task(
-                str(symbol),
-                p,
-                before.astype(np.float32),
-                targets,
-                after.astype(np.float32),
-                test.targets[new, p],
-                new,
-            )
+        counts = [
+            np.isfinite(part.targets[part.symbols == symbol]).sum(axis=0) for part in (train, test)
+        ]
+        for p in np.flatnonzero((counts[0] > 0) & (counts[1] > 0)).tolist():
+            found.append((int(counts[0][p]), str(symbol), p))
+    return [(symbol, p) for _, symbol, p in sorted(found)]
+
+
+def task(model: Cart, train: Examples, test: Examples, symbol: str, p: int) -> Task:
+    """The targets and questions of a phone and a parameter, as columns."""
+    rows, new = (
+        np.flatnonzero((part.symbols == symbol) & np.isfinite(part.targets[:, p]))
+        for part in (train, test)
+    )
+    has_sound = 2 * np.isfinite(train.energies[rows]).sum() >= len(rows)
+    targets = train.targets[rows, p]
+    columns = []
+    for question, a in zip(model.questions_, model._of_attribute, strict=True):
+        if question.attribute.needs_sound and not has_sound:
+            continue
+        mine, theirs = (
+            part.columns[a][own] if part.columns[a].ndim == 1 else part.columns[a][own, p]
+            for part, own in ((train, rows), (test, new))
+        )
+        if not question.is_open:
+            members = model.alphabet.members(question.phone_class, question.phones)
+            columns.append((members[mine], members[theirs]))
+        elif question.attribute.is_phone:
+            counts = np.bincount(mine, minlength=model.alphabet.levels)
+            means = np.bincount(mine, targets, len(counts)) / np.maximum(counts, 1)
+            means = np.where(counts > 0, means, targets.mean())
+            columns.append((means[mine], means[theirs]))
+        else:
+            levels, edges = binned(mine)
+            others = np.searchsorted(edges, theirs, side="left")
+            columns.append((levels, np.where(np.isfinite(theirs), others, len(edges) + 1)))
+    before, after = (np.stack(part, axis=1) for part in zip(*columns, strict=True))
+    before, after = before.astype(np.float32), after.astype(np.float32)
+    return Task(p, before, targets, after, test.targets[new, p], new)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -328,24 +328,23 @@ def compared(name: str, train: Corpus, test: Corpus, quick: bool) -> dict[str, A
     mine, _, _ = segments_of(train, model)
     new, owner, selected = segments_of(test, model)
     every = PEER_EVERY[name][quick]
-    todo = list(tasks(model, mine, new))
+    todo = named(mine, new)
     # Evenly over phones with many examples and with few.
-    todo.sort(key=lambda task: (len(task.targets), task.symbol, task.parameter))
-    taken = todo[every // 2 :: every]
+    taken = [task(model, mine, new, *each) for each in todo[every // 2 :: every]]
     peer(taken[0])
     theirs = 0.0
     utterances = len(test)
     of_ours, of_peer, of_mean = (np.zeros(utterances) for _ in range(3))
-    for task in taken:
+    for each in taken:
         began = time.thread_time()
-        tree, alpha = peer(task)
+        tree, alpha = peer(each)
         theirs += time.thread_time() - began
-        answer = tree.answers(task.asked, np.array([alpha]))[0]
-        whose = owner[task.rows]
-        of_peer += np.bincount(whose, (answer - task.truth) ** 2, utterances)
-        said = selected[task.rows, task.parameter]
-        of_ours += np.bincount(whose, (said - task.truth) ** 2, utterances)
-        of_mean += np.bincount(whose, (task.targets.mean() - task.truth) ** 2, utterances)
+        answer = tree.answers(each.asked, np.array([alpha]))[0]
+        whose = owner[each.rows]
+        of_peer += np.bincount(whose, (answer - each.truth) ** 2, utterances)
+        said = selected[each.rows, each.parameter]
+        of_ours += np.bincount(whose, (said - each.truth) ** 2, utterances)
+        of_mean += np.bincount(whose, (each.targets.mean() - each.truth) ** 2, utterances)
     theirs *= len(todo) / len(taken)
     difference = (of_ours - of_peer) * utterances / of_mean.sum()
     half = 1.96 * difference.std(ddof=1) / np.sqrt(utterances)

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from mocap_fit.control.cart.gains import (
     cross_validated_error,
     cross_validated_gain,
-    surplus,
     surpluses,
 )
-from mocap_fit.control.cart.growing import LEFT, UNSEEN, grow
+from mocap_fit.control.cart.growing import grow
+from mocap_fit.control.cart.kernel import LEFT, UNSEEN, surplus
 from mocap_fit.control.cart.pruning import STRENGTHS, Judged, judge, pruned, strengths_of
 
 

@@ -18,8 +18,16 @@ from typing import Any
 import numpy as np
 
 from mocap_fit.control.cart.contexts import ByteArray
-from mocap_fit.control.cart.gains import HAS_NUMBA, compiled
-from mocap_fit.control.cart.growing import Asked, Grown, IntArray, grow, grow_into
+from mocap_fit.control.cart.growing import (
+    Asked,
+    Grown,
+    IntArray,
+    about_zero,
+    cut_to,
+    grow,
+    room_for,
+)
+from mocap_fit.control.cart.kernel import HAS_NUMBA, UNSEEN, grow_and_prune, weakest_first
 from mocap_fit.tracks import FloatArray
 
 #: Strengths that are tried for all trees together; with the last hardly a cut stays.
@@ -79,57 +87,10 @@ def strengths_of(tree: Grown) -> FloatArray:
         `(nodes,)`: the strength up to which a node keeps its cut; minus infinity in a leaf. None
         is stronger than a cut above it.
     """
-    variances = tree.validated / tree.counts
-    inner = tree.questions >= 0
-    if not inner.any():
-        return np.full(len(inner), -np.inf)
-    found: FloatArray = _weakest_first(
-        tree.children, np.where(np.isfinite(tree.validated), tree.validated, 0.0), variances
+    found: FloatArray = weakest_first(
+        len(tree.questions), tree.children, tree.counts, tree.validated
     )
     return found
-
-
-@compiled
-def _weakest_first(children, errors, variances):  # type: ignore[no-untyped-def]
-    nodes = len(errors)
-    parents = np.full(nodes, -1, np.int64)
-    standing = np.zeros(nodes, np.bool_)
-    # Of each branch: the errors of its leaves, and the variances of its cuts.
-    below, price = errors.copy(), np.zeros(nodes)
-    for node in range(nodes):
-        if children[node, 0] >= 0:
-            parents[children[node, 0]] = node
-            parents[children[node, 1]] = node
-            standing[node] = True
-            below[node], price[node] = 0.0, variances[node]
-    for node in range(nodes - 1, 0, -1):
-        below[parents[node]] += below[node]
-        price[parents[node]] += price[node]
-    strengths = np.full(nodes, -np.inf)
-    waiting = np.empty(nodes, np.int64)
-    reached = -np.inf
-    while standing[0]:
-        weakest, least = -1, np.inf
-        for node in range(nodes):
-            if standing[node]:
-                strength = (errors[node] - below[node]) / price[node]
-                if weakest < 0 or strength < least:
-                    weakest, least = node, strength
-        reached = max(reached, least)
-        waiting[0], left = weakest, 1
-        while left > 0:
-            left -= 1
-            node = waiting[left]
-            if standing[node]:
-                standing[node], strengths[node] = False, reached
-                waiting[left], waiting[left + 1] = children[node, 0], children[node, 1]
-                left += 2
-        more, less, node = errors[weakest] - below[weakest], price[weakest], weakest
-        while node >= 0:
-            below[node] += more
-            price[node] -= less
-            node = parents[node]
-    return strengths
 
 
 def pruned(tree: Grown, strength: float) -> Grown:
@@ -170,9 +131,15 @@ def grow_pruned(
     strength
         As for `pruned`.
     """
-    how = (fold_count, smallest, least_gain, phone_order == "node")
     if use_numba and HAS_NUMBA:
-        return Grown(*_grow_pruned(levels, targets, folds, *asked, *how, strength))
+        everyone, nobody = np.arange(len(folds)), np.zeros(0, dtype=np.int64)
+        centred, middle = about_zero(targets, everyone)
+        room, none = room_for(len(folds), asked), np.zeros(0)
+        how = (fold_count, smallest, least_gain, phone_order == "node", strength)
+        nodes = grow_and_prune(
+            levels, centred, folds, everyone, nobody, *asked, *how, none, none, none, *room
+        )
+        return cut_to(room, nodes, middle)
     tree = grow(
         levels,
         targets,
@@ -213,10 +180,15 @@ def judge(
         `(strengths,)`, ascending.
     """
     errors, squares = np.zeros(len(strengths)), np.zeros(len(strengths))
-    how = (fold_count, smallest, least_gain, phone_order == "node")
+    out = np.flatnonzero(folds == fold)
     if use_numba and HAS_NUMBA:
-        count = _judge_fold(levels, targets, folds, fold, *asked, *how, strengths, errors, squares)
-        return Judged(strengths, errors, squares, int(count))
+        chosen = np.flatnonzero(folds != fold)
+        centred, _ = about_zero(targets, chosen)
+        room = room_for(len(chosen), asked)
+        how = (fold_count, smallest, least_gain, phone_order == "node", np.inf)
+        judged = (strengths, errors, squares)
+        grow_and_prune(levels, centred, folds, chosen, out, *asked, *how, *judged, *room)
+        return Judged(strengths, errors, squares, len(out))
     tree = grow(
         levels,
         targets,
@@ -229,236 +201,20 @@ def judge(
         held_out=fold,
         use_numba=False,
     )
-    out = np.flatnonzero(folds == fold)
-    sizes = tree.counts[tree.children]
-    larger = np.where(tree.questions >= 0, sizes[:, 1] > sizes[:, 0], 0).astype(np.int64)
-    _judge(
-        levels,
-        targets,
-        out,
-        asked.attributes,
-        tree.questions,
-        tree.sides,
-        tree.children,
-        larger,
-        tree.means,
-        strengths_of(tree),
-        strengths,
-        errors,
-        squares,
-    )
+    for place, strength in enumerate(strengths):
+        off = _answers(pruned(tree, strength), levels[:, out], asked) - targets[out]
+        errors[place], squares[place] = (off**2).sum(), (off**4).sum()
     return Judged(strengths, errors, squares, len(out))
 
 
-@compiled
-def _grown_with_strengths(  # type: ignore[no-untyped-def]  # numba infers the types
-    levels,
-    targets,
-    folds,
-    chosen,
-    of_attribute,
-    kinds,
-    members,
-    sizes,
-    fold_count,
-    smallest,
-    least_gain,
-    by_node,
-):
-    """What `grow` and `strengths_of` do, without Python between."""
-    middle = 0.0
-    for example in chosen:
-        middle += targets[example]
-    middle /= len(chosen)
-    centred = targets - middle
-    for example in range(len(centred)):
-        if abs(centred[example]) <= 1e-12 * abs(middle):
-            centred[example] = 0.0
-    room = 2 * len(chosen) + 1
-    questions, sides = np.empty(room, np.int64), np.empty((room, sizes.max()), np.uint8)
-    children, counts = np.empty((room, 2), np.int64), np.empty(room, np.int64)
-    means, errors = np.empty(room), np.empty(room)
-    validated, gains = np.empty(room), np.empty(room)
-    nodes = grow_into(
-        levels,
-        centred,
-        folds,
-        chosen,
-        of_attribute,
-        kinds,
-        members,
-        sizes,
-        fold_count,
-        smallest,
-        least_gain,
-        by_node,
-        questions,
-        sides,
-        children,
-        counts,
-        means,
-        errors,
-        validated,
-        gains,
-    )
-    for node in range(nodes):
-        means[node] += middle
-    if nodes == 1:
-        strong = np.full(1, -np.inf)
-    else:
-        known = validated[:nodes]
-        strong = _weakest_first(children[:nodes], known, known / counts[:nodes])
-    return questions, sides, children, counts, means, errors, validated, gains, strong
-
-
-@compiled
-def _judge_fold(  # type: ignore[no-untyped-def]  # numba infers the types
-    levels,
-    targets,
-    folds,
-    fold,
-    of_attribute,
-    kinds,
-    members,
-    sizes,
-    fold_count,
-    smallest,
-    least_gain,
-    by_node,
-    strengths,
-    errors,
-    squares,
-):
-    """`judge` without Python: no array of the tree outlives it."""
-    out, chosen = np.flatnonzero(folds == fold), np.flatnonzero(folds != fold)
-    questions, sides, children, counts, means, _, _, _, strong = _grown_with_strengths(
-        levels,
-        targets,
-        folds,
-        chosen,
-        of_attribute,
-        kinds,
-        members,
-        sizes,
-        fold_count,
-        smallest,
-        least_gain,
-        by_node,
-    )
-    larger = np.zeros(len(strong), np.int64)
-    for node in range(len(strong)):
-        if questions[node] >= 0 and counts[children[node, 1]] > counts[children[node, 0]]:
-            larger[node] = 1
-    _judge(
-        levels,
-        targets,
-        out,
-        of_attribute,
-        questions,
-        sides,
-        children,
-        larger,
-        means,
-        strong,
-        strengths,
-        errors,
-        squares,
-    )
-    return len(out)
-
-
-@compiled
-def _grow_pruned(  # type: ignore[no-untyped-def]  # numba infers the types
-    levels,
-    targets,
-    folds,
-    of_attribute,
-    kinds,
-    members,
-    sizes,
-    fold_count,
-    smallest,
-    least_gain,
-    by_node,
-    strength,
-):
-    """What `grow` and `pruned` do, without Python between."""
-    questions, sides, children, counts, means, errors, validated, gains, strong = (
-        _grown_with_strengths(
-            levels,
-            targets,
-            folds,
-            np.arange(len(folds)),
-            of_attribute,
-            kinds,
-            members,
-            sizes,
-            fold_count,
-            smallest,
-            least_gain,
-            by_node,
-        )
-    )
-    nodes = len(strong)
-    kept = np.zeros(nodes, np.bool_)
-    numbers = np.zeros(nodes, np.int64)
-    kept[0] = True
-    count = 0
-    for node in range(nodes):
-        if kept[node]:
-            numbers[node] = count
-            count += 1
-            if questions[node] >= 0 and strong[node] >= strength:
-                kept[children[node, 0]] = True
-                kept[children[node, 1]] = True
-            else:
-                questions[node] = -1
-    rows = np.flatnonzero(kept)
-    new_children = np.full((count, 2), -1)
-    for row in range(count):
-        node = rows[row]
-        if questions[node] >= 0:
-            new_children[row, 0] = numbers[children[node, 0]]
-            new_children[row, 1] = numbers[children[node, 1]]
-        else:
-            gains[node] = 0.0
-    return (
-        questions[rows],
-        sides[rows],
-        new_children,
-        counts[rows],
-        means[rows],
-        errors[rows],
-        validated[rows],
-        gains[rows],
-    )
-
-
-@compiled
-def _judge(  # type: ignore[no-untyped-def]  # numba infers the types
-    levels,
-    targets,
-    examples,
-    of_attribute,
-    questions,
-    sides,
-    children,
-    larger,
-    means,
-    strong,
-    strengths,
-    errors,
-    squares,
-):
-    for example in examples:
-        node, place = 0, len(strengths) - 1
-        while place >= 0:
-            off = means[node] - targets[example]
-            # Of all trees whose strength is above the node's, the example ends here.
-            while place >= 0 and not strong[node] >= strengths[place]:
-                errors[place] += off * off
-                squares[place] += off**4
-                place -= 1
-            if place >= 0:
-                side = sides[node, levels[of_attribute[questions[node]], example]]
-                node = children[node, larger[node] if side > 1 else side]
+def _answers(tree: Grown, levels: ByteArray, asked: Asked) -> FloatArray:
+    """What a tree says of examples; who has a level that a node never saw goes with the most."""
+    node = np.zeros(levels.shape[1], dtype=np.int64)
+    while (tree.questions[node] >= 0).any():
+        attribute = asked.attributes[tree.questions[node]]
+        side = tree.sides[node, levels[attribute, np.arange(len(node))]].astype(np.int64)
+        counts = tree.counts[tree.children[node]]
+        side = np.where(side == UNSEEN, counts[:, 1] > counts[:, 0], side)
+        after = tree.children[node, np.minimum(side, 1)]
+        node = np.where(tree.questions[node] >= 0, after, node)
+    return tree.means[node]

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.control.cart.contexts import GROUPS, KIND_OF_GROUP, ByteArray
-from mocap_fit.control.cart.gains import compiled
-from mocap_fit.control.cart.growing import LEFT, RIGHT, UNSEEN, Grown, IntArray
+from mocap_fit.control.cart.growing import Grown, IntArray
+from mocap_fit.control.cart.kernel import LEFT, RIGHT, UNSEEN, compiled
 from mocap_fit.control.cart.questions import Question
 from mocap_fit.tracks import FloatArray
 
