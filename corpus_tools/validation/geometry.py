@@ -12,6 +12,7 @@ from corpus_tools.validation import shapes
 from corpus_tools.validation.findings import Finding, Place
 from corpus_tools.validation.markers import at, evidence
 from corpus_tools.validation.shapes import Fitted, Stilled
+from corpus_tools.validation.slips import find_slips
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.fitting import Layout
 from mocap_fit.tracks import FloatArray, MarkerTracks, rigid_transforms, spread
@@ -121,28 +122,14 @@ def check_head(
             f"{np.median(residuals[known]):.2f} mm from their mean shape (median)",
             f"at most {rigid.rigid_residual} mm",
         )
-    for column, marker in enumerate(head):
-        off = still.off[:, column]
-        slipped = off > rigid.slip_distance
-        # Frames that do not show it say nothing, and do not end a stretch.
-        seen = np.flatnonzero(recording.visible[:, marker] & known)
-        stretches = runs(np.asarray(slipped[seen]))
-        most = max(stretches, key=lambda run: run.stop - run.start, default=slice(0, 0))
-        if stretches:
-            # Single frames may look well in the midst of it.
-            every = slice(stretches[0].start, stretches[-1].stop)
-            most = every if slipped[seen[every]].mean() > 0.5 else most
-        shown = seen[most]
-        longest = slice(int(shown[0]), int(shown[-1]) + 1) if len(shown) else slice(0, 0)
-        long = most.stop - most.start >= rigid.slip_time * recording.rate
-        if long or slipped.sum() > rigid.slip_share * max(1, known.sum()):
-            yield Finding(
-                "MF125",
-                at(place, recording, recording.names[marker], longest),
-                f"{np.median(off[slipped]):.1f} mm off in {int(slipped.sum())} frames",
-                f"less than {rigid.slip_distance} mm",
-                evidence=evidence(recording, still.positions, [marker], longest),
-            )
+    for column, run, change in find_slips(positions, recording.rate, limits.shape):
+        yield Finding(
+            "MF125",
+            at(place, recording, recording.names[head[column]], run),
+            f"its distances to the others are another by up to {change:.1f} mm",
+            f"less than {rigid.slip_distance} mm",
+            evidence=evidence(recording, recording.names, still.positions, [head[column]], run),
+        )
 
 
 def check_sessions(members: Sequence[Shape], limits: Thresholds) -> Iterator[Finding]:

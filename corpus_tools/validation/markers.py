@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from corpus_tools.validation.exchanges import find_exchanges, previous
+from corpus_tools.validation.exchanges import Exchange, find_exchanges, previous
 from corpus_tools.validation.findings import Evidence, Finding, Place
 from corpus_tools.validation.thresholds import Thresholds
-from mocap_fit.tracks import FloatArray, MarkerTracks, gap_report
+from mocap_fit.tracks import FloatArray, MarkerTracks, Origin, gap_report
 from mocap_fit.tracks.gaps import runs
 
 # Frames on each side of a place that its picture shows.
@@ -43,6 +43,50 @@ def check_markers(
         yield from _movement(recording, moving, place, limits)
 
 
+def mend_head(
+    recording: MarkerTracks, head: Sequence[int], place: Place, limits: Thresholds
+) -> tuple[MarkerTracks, list[Finding]]:
+    """Find head markers that have exchanged their names, before a pose is found by them.
+
+    Returns
+    -------
+    MarkerTracks
+        The recording with these names exchanged back.
+    list of Finding
+        The exchanges.
+    """
+    if len(head) < 2:
+        return recording, []
+    positions = recording.positions[:, list(head)]
+    exchanges, mended = find_exchanges(positions, recording.rate, limits.markers)
+    if not exchanges:
+        return recording, []
+    whole = recording.positions.copy()
+    whole[:, list(head)] = mended
+    origin = np.where(np.isnan(whole[:, :, 0]), Origin.MISSING, Origin.MEASURED)
+    names = [recording.names[k] for k in head]
+    found = list(_exchanged(recording, names, positions, exchanges, place))
+    return recording.replace(positions=whole, origin=origin.astype(np.uint8)), found
+
+
+def _exchanged(
+    recording: MarkerTracks,
+    names: Sequence[str],
+    positions: FloatArray,
+    exchanges: Sequence[Exchange],
+    place: Place,
+) -> Iterator[Finding]:
+    for exchange in exchanges:
+        run = slice(exchange.first, exchange.last + 1)
+        yield Finding(
+            "MF106",
+            at(place, recording, " and ".join(names[k] for k in exchange.markers), run),
+            f"they continue each other's tracks for {run.stop - run.start} frames",
+            "each its own",
+            evidence=evidence(recording, names, positions, exchange.markers, run),
+        )
+
+
 def at(place: Place, recording: MarkerTracks, item: str, run: slice | None = None) -> Place:
     """The place of a marker, and of a run of frames."""
     if run is None:
@@ -54,7 +98,11 @@ def at(place: Place, recording: MarkerTracks, item: str, run: slice | None = Non
 
 
 def evidence(
-    recording: MarkerTracks, positions: FloatArray, members: Sequence[int], run: slice
+    recording: MarkerTracks,
+    names: Sequence[str],
+    positions: FloatArray,
+    members: Sequence[int],
+    run: slice,
 ) -> Evidence:
     """The coordinates of some markers about a run of frames, from where each is in the middle."""
     part = slice(max(0, run.start - _MARGIN), min(len(positions), run.stop + _MARGIN))
@@ -65,7 +113,7 @@ def evidence(
         track = positions[part, member]
         axes = range(3) if single else [_liveliest(positions[part][:, list(members)])]
         for axis in axes:
-            curves[f"{recording.names[member]} {'xyz'[axis]}"] = track[:, axis]
+            curves[f"{names[member]} {'xyz'[axis]}"] = track[:, axis]
     return Evidence(times, curves, "mm")
 
 
@@ -140,7 +188,7 @@ def _stuck(
                     at(place, recording, name, stuck),
                     f"exactly one place for {stuck.stop - stuck.start} frames",
                     "a marker that moves with the others",
-                    evidence=evidence(recording, positions, [marker], stuck),
+                    evidence=evidence(recording, recording.names, positions, [marker], stuck),
                 )
 
 
@@ -167,16 +215,7 @@ def _movement(
     recording: MarkerTracks, still: FloatArray, place: Place, limits: Thresholds
 ) -> Iterator[Finding]:
     exchanges, mended = find_exchanges(still, recording.rate, limits.markers)
-    for exchange in exchanges:
-        run = slice(exchange.first, exchange.last + 1)
-        names = " and ".join(recording.names[k] for k in exchange.markers)
-        yield Finding(
-            "MF106",
-            at(place, recording, names, run),
-            f"they continue each other's tracks for {run.stop - run.start} frames",
-            "each its own",
-            evidence=evidence(recording, still, exchange.markers, run),
-        )
+    yield from _exchanged(recording, recording.names, still, exchanges, place)
     spikes = np.zeros(mended.shape[:2], dtype=bool)
     for marker, name in enumerate(recording.names):
         for run, height in _spikes(mended[:, marker], recording.rate, limits):
@@ -186,7 +225,7 @@ def _movement(
                 at(place, recording, name, run),
                 f"{height:.1f} mm out and back",
                 f"less than {limits.markers.spike_size} mm, or slower",
-                evidence=evidence(recording, mended, [marker], run),
+                evidence=evidence(recording, recording.names, mended, [marker], run),
             )
     calm = np.where(spikes[:, :, None], np.nan, mended)
     yield from _jumps(recording, calm, place, limits)
@@ -259,5 +298,5 @@ def _jumps(
                 at(place, recording, name, run),
                 f"{column[frame]:.1f} mm from one frame to the next",
                 f"less than {limit:.1f} mm",
-                evidence=evidence(recording, positions, [index], run),
+                evidence=evidence(recording, recording.names, positions, [index], run),
             )

@@ -33,9 +33,6 @@ class Stilled:
         `(markers, 3)`: the median over the frames; NaN for markers that are never seen.
     residuals
         `(frames,)`, millimetres: of the markers that the pose rests on.
-    off
-        `(frames, head markers)`: how far each head marker is from where the pose of the others
-        puts it, millimetres; 0 where it was not left out of the pose.
     mean_rotation, mean_translation
         `(3, 3)` and `(3,)`: the middle pose, from these coordinates to the recording's.
     """
@@ -43,7 +40,6 @@ class Stilled:
     positions: FloatArray
     shape: FloatArray
     residuals: FloatArray
-    off: FloatArray
     mean_rotation: FloatArray
     mean_translation: FloatArray
 
@@ -103,13 +99,9 @@ def stilled(recording: MarkerTracks, head: Sequence[int]) -> Stilled | None:
     shape = typical_shape(positions[:, chosen])
     if (~np.isnan(shape[:, 0])).sum() < 3:
         return None
-    off = np.zeros((len(positions), len(head)))
     if len(head) >= 4:
         fit = robust_rigid_transforms(shape, positions[:, chosen])
         rotations, translations, residuals = fit.rotations, fit.translations, fit.residuals
-        places = np.einsum("fij,pj->fpi", rotations, shape) + translations[:, None, :]
-        distances = np.linalg.norm(positions[:, chosen] - places, axis=2)
-        off = np.where(fit.rejected & ~np.isnan(distances), distances, 0.0)
     else:
         rotations, translations, residuals = rigid_transforms(shape, positions[:, chosen])
     known = ~np.isnan(residuals)
@@ -122,7 +114,6 @@ def stilled(recording: MarkerTracks, head: Sequence[int]) -> Stilled | None:
         still,
         seen_median(still),
         residuals,
-        off,
         left @ right,
         np.median(translations[known], axis=0),
     )

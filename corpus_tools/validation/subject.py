@@ -12,7 +12,7 @@ from corpus_tools.validation import geometry, shapes
 from corpus_tools.validation.findings import Finding, Place
 from corpus_tools.validation.geometry import Shape
 from corpus_tools.validation.labels import Around, check_phone_tier
-from corpus_tools.validation.markers import check_markers
+from corpus_tools.validation.markers import check_markers, mend_head
 from corpus_tools.validation.parameters import Closure, check_parameters, closures
 from corpus_tools.validation.sounds import (
     check_lengths,
@@ -237,6 +237,8 @@ def check_recording(
         found += geometry.check_layout(recording, layout, place)
         names = {marker.name for marker in layout.head_markers}
         head = [k for k, name in enumerate(recording.names) if name in names]
+    recording, exchanged = mend_head(recording, head, place, context.limits)
+    found += exchanged
     still = shapes.stilled(recording, head)
     found += check_markers(
         recording, None if still is None else still.positions, place, context.limits

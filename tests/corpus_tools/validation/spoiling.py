@@ -398,7 +398,7 @@ def head_marker_slipped(corpus, name):
         positions[130:, tracks.index("head_temple_left")] += [1.5, 4.0, 3.0]
 
     change_positions(corpus, name, change)
-    return Expected("MF125", "head_temple_left", (130, 10_000), slack=8)
+    return Expected("MF125", "head_temple_left", (130, 10_000), slack=6)
 
 
 @defect
