@@ -4,8 +4,9 @@ Attributes are levels: small numbers that stand for phones, or for the bins of a
 histogram by level and fold holds all that the cuts of an attribute need. Of a question that is
 open, levels are put in order, and each place between two of them is a cut: a number's levels by
 size, phones by the mean of their targets, which is the best order for squared error (Breiman et
-al., theorem 4.5). In the order ``tree`` phones are sorted once, by their means in the whole tree;
-in the order ``node`` anew in each node, by the few examples that it has.
+al., theorem 4.5). In the order ``node`` that is done anew in each node, by the few examples that it
+has of each phone. In the order ``tree`` phones are sorted once, by their means in the whole tree,
+those of rare phones drawn to the mean of all.
 
 The compiled way and the numpy way give the same trees.
 """
@@ -20,10 +21,12 @@ from numpy.typing import NDArray
 from mocap_fit.control.cart.contexts import ByteArray
 from mocap_fit.control.cart.gains import surpluses
 from mocap_fit.control.cart.kernel import (
+    DRAWN,
     FIXED,
     HAS_NUMBA,
     LEFT,
     RIGHT,
+    ROUNDING,
     SAME,
     SUBSET,
     UNSEEN,
@@ -133,26 +136,16 @@ def grow(
         One node at least.
     """
     chosen = np.flatnonzero(folds != held_out)
-    centred, middle = about_zero(targets, chosen)
     tree = room_for(len(chosen), asked)
     how = (fold_count, smallest, least_gain, phone_order == "node")
     if use_numba and HAS_NUMBA:
         out, none = np.zeros(0, dtype=np.int64), np.zeros(0)
         nodes = grow_and_prune(
-            levels, centred, folds, chosen, out, *asked, *how, -np.inf, none, none, none, *tree
+            levels, targets, folds, chosen, out, *asked, *how, -np.inf, none, none, none, *tree
         )
     else:
-        nodes = _grow_plainly(levels, centred, folds, chosen, asked, *how, tree)
-    return cut_to(tree, nodes, middle)
-
-
-def about_zero(targets: FloatArray, chosen: IntArray) -> tuple[FloatArray, float]:
-    """Targets less the mean of those that are chosen, about which rounding is least; the mean."""
-    middle = float(targets[chosen].mean())
-    centred = targets - middle
-    # What rounding leaves of equal targets is no difference to be cut at.
-    centred[np.abs(centred) <= 1e-12 * abs(middle)] = 0.0
-    return centred, middle
+        nodes = _grow_plainly(levels, targets, folds, chosen, asked, *how, tree)
+    return cut_to(tree, nodes)
 
 
 def room_for(examples: int, asked: Asked) -> Grown:
@@ -167,9 +160,8 @@ def room_for(examples: int, asked: Asked) -> Grown:
     )
 
 
-def cut_to(tree: Grown, nodes: int, middle: float) -> Grown:
-    """The nodes that there are, their means put back to where they were."""
-    tree.means[:nodes] += middle
+def cut_to(tree: Grown, nodes: int) -> Grown:
+    """The nodes that there are."""
     arrays: Any = tree
     return Grown(*(array[:nodes].copy() for array in arrays))
 
@@ -202,7 +194,8 @@ def _grow_plainly(
         tree.errors[node], tree.validated[node] = error, error + over
         tree.questions[node], tree.children[node], tree.gains[node] = -1, -1, 0.0
         tree.sides[node] = UNSEEN
-        if len(examples) <= smallest or not over < np.inf or error <= SAME * tree.errors[0]:
+        equal = max(SAME * tree.errors[0], ROUNDING * count * mean * mean)
+        if len(examples) <= smallest or not over < np.inf or error <= equal:
             continue
         same = SAME * error
         best, best_question = least_gain * (error + over) / count, -1
@@ -223,7 +216,9 @@ def _grow_plainly(
             else:
                 places = np.flatnonzero(has)
                 if kinds[question] == SUBSET and (by_node or node == 0):
-                    keys = s[places].sum(axis=1) / n[places].sum(axis=1)
+                    keys = s[places].sum(axis=1) / (
+                        n[places].sum(axis=1) + (0.0 if by_node else DRAWN)
+                    )
                     places = places[np.argsort(keys, kind="stable")]
                     if node == 0:
                         order[int(attribute)] = places

@@ -27,7 +27,7 @@ from mocap_fit.tracks import FloatArray
 #: Bins that the numbers of a tree are divided into at most.
 BINS = 32
 #: Held-out targets that tell how strongly to prune all trees together.
-ENOUGH = 20_000
+ENOUGH = 15_000
 #: Examples that a tree of many phones is grown from at most.
 MOST_POOLED = 2_000
 

@@ -22,7 +22,6 @@ from mocap_fit.control.cart.growing import (
     Asked,
     Grown,
     IntArray,
-    about_zero,
     cut_to,
     grow,
     room_for,
@@ -133,13 +132,12 @@ def grow_pruned(
     """
     if use_numba and HAS_NUMBA:
         everyone, nobody = np.arange(len(folds)), np.zeros(0, dtype=np.int64)
-        centred, middle = about_zero(targets, everyone)
         room, none = room_for(len(folds), asked), np.zeros(0)
         how = (fold_count, smallest, least_gain, phone_order == "node", strength)
         nodes = grow_and_prune(
-            levels, centred, folds, everyone, nobody, *asked, *how, none, none, none, *room
+            levels, targets, folds, everyone, nobody, *asked, *how, none, none, none, *room
         )
-        return cut_to(room, nodes, middle)
+        return cut_to(room, nodes)
     tree = grow(
         levels,
         targets,
@@ -183,11 +181,10 @@ def judge(
     out = np.flatnonzero(folds == fold)
     if use_numba and HAS_NUMBA:
         chosen = np.flatnonzero(folds != fold)
-        centred, _ = about_zero(targets, chosen)
         room = room_for(len(chosen), asked)
         how = (fold_count, smallest, least_gain, phone_order == "node", np.inf)
         judged = (strengths, errors, squares)
-        grow_and_prune(levels, centred, folds, chosen, out, *asked, *how, *judged, *room)
+        grow_and_prune(levels, targets, folds, chosen, out, *asked, *how, *judged, *room)
         return Judged(strengths, errors, squares, len(out))
     tree = grow(
         levels,
