@@ -7,8 +7,8 @@ allows, for the training time of 760 trees; `simulated`, the sentences and gestu
 `mocap-fit simulate`, the truth with 0.01 of noise on it; and, in the full form, `grid_s1`, 287 real
 sentences (markerless video, automatic labels), where it is.
 
-Ours is `fit` of the model `cart` with its defaults on a corpus in memory, so its time holds targets,
-answers to the questions, growing, validating and pruning. The peer is
+Ours is `fit` of the model `cart` with its defaults on a corpus in memory, so its time holds taking
+the targets, answering the questions, growing, validating and pruning. The peer is
 `DecisionTreeRegressor` (5 examples a leaf), on the same targets and the same questions as columns:
 classes as 0 and 1, numbers in the same bins, and phones, for which scikit-learn has no questions,
 as the mean target of each phone in the training part (better and faster here than a column for each
