@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.fitting.binding import Binding
-from mocap_fit.fitting.slots import pack, pack_frames
+from mocap_fit.fitting.slots import SLOT, pack, pack_frames
 from mocap_fit.tracks import FloatArray
 
 Objective = Literal["distances", "squares", "huber"]
@@ -33,7 +33,9 @@ class Evaluator:
         self._kernel = None if binding.compiled is None else _kernel()
         if self._kernel is not None:
             self._slots = pack(binding)
-            self._room = self._kernel.make_room(self._slots)
+            rows = self._slots.blocks * SLOT
+            self._room, self._rows = np.zeros(self._slots.room), np.zeros(rows)
+            self._shares = np.zeros((self._slots.parameters, rows))
             self._code = OBJECTIVES.index(objective)
         self.set_frame(np.zeros((len(binding.names), 3)), np.ones(len(binding.names), dtype=bool))
 
@@ -77,9 +79,10 @@ class Evaluator:
         if self._kernel is None:
             pairs = [self.binding.evaluate(frame) for frame in values]
             return np.array([p for p, _ in pairs]), np.array([j for _, j in pairs])
-        from mocap_fit.fitting.slopes import markers_of_frames
-
-        return markers_of_frames(self._slots, self._room, values, len(self.binding.names))
+        positions, jacobian = self._kernel.markers_of_frames(
+            self._slots, values, len(self.binding.names)
+        )
+        return positions, jacobian
 
     def cost(self, values: FloatArray, gradient: FloatArray) -> float:
         """Cost of the frame at `(parameters,)` values, whose gradient is put into an array."""
@@ -91,13 +94,16 @@ class Evaluator:
             gradient[:] = np.tensordot(pull, jacobian[seen], 2)
             return value
         return float(
-            self._kernel.cost(
-                self._slots,
+            self._kernel.cost_and_gradient(
+                self._slots.plan,
+                self._slots.numbers,
+                self._room,
                 values,
                 self._frame,
                 self._code,
                 self._threshold,
-                self._room,
+                self._rows,
+                self._shares,
                 gradient,
             )
         )
