@@ -56,15 +56,21 @@ from mocap_fit.tracks import FloatArray
 
 # No "fast math": what it reorders depends on where a function is compiled into, so that a run that
 # compiles and one that finds its kernels in the cache would differ in the last bits.
-compiled: Any = numba.njit(cache=True, error_model="numpy", nogil=True)
+_njit: Any = numba.njit
+compiled: Any = _njit(cache=True, error_model="numpy", nogil=True)
+# What only compiled functions call. Each of those holds a copy: it needs no place in the cache and
+# no way in from Python, whose making takes a quarter of a first run.
+inner: Any = _njit(error_model="numpy", nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
-DISTANCES, SQUARES, HUBER = 0, 1, 2
+DISTANCES, SQUARES, HUBER, SLOPES = 0, 1, 2, -1
+# Numba compiles a function again for every number that is written out in a call.
+_ONE, _THREE = np.int64(1), np.int64(3)
 # The sine's and the versine's series, in powers of the angle's square.
 _SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(8))
 _VERSINE = tuple((-1.0) ** k / math.factorial(2 * k + 2) for k in range(8))
 
 
-@compiled
+@inner
 def sum_of_lanes(lanes, k):  # type: ignore[no-untyped-def]  # numba infers the types
     """Sum of 32 numbers from the k-th on, which it overwrites."""
     for m in range(LANES // 2):
@@ -76,13 +82,13 @@ def sum_of_lanes(lanes, k):  # type: ignore[no-untyped-def]  # numba infers the 
     )
 
 
-@compiled
+@inner
 def _series(x, c):  # type: ignore[no-untyped-def]
     high = ((c[7] * x + c[6]) * x + c[5]) * x + c[4]
     return (((high * x + c[3]) * x + c[2]) * x + c[1]) * x + c[0]
 
 
-@compiled
+@inner
 def _amounts(plan, numbers, room, at, value):  # type: ignore[no-untyped-def]
     """S and V of every slot."""
     weights, amounts = plan[at + 2] + WEIGHTS, plan[at + 3] + plan[SIZE]
@@ -107,7 +113,7 @@ def _amounts(plan, numbers, room, at, value):  # type: ignore[no-untyped-def]
                 room[s + LANES + m] = 0.0
 
 
-@compiled
+@inner
 def _turn(plan, numbers, room, at, x, along, across, c0, c1, c2):  # type: ignore[no-untyped-def]
     """Turn or scale what begins at ``x`` about a centre.
 
@@ -130,7 +136,7 @@ def _turn(plan, numbers, room, at, x, along, across, c0, c1, c2):  # type: ignor
         room[x + i] += room[scratch + i]
 
 
-@compiled
+@inner
 def _slope(plan, numbers, room, at, c0, c1, c2):  # type: ignore[no-untyped-def]
     """Derivative of the slots by the turn's parameter: after a rotation, or before a scaling."""
     slopes, weights = plan[at + 3], plan[at + 2] + WEIGHTS
@@ -145,7 +151,7 @@ def _slope(plan, numbers, room, at, c0, c1, c2):  # type: ignore[no-untyped-def]
                 room[slope + m] = numbers[w + m] * (a0 * d0 + a1 * d1 + a2 * d2)
 
 
-@compiled
+@inner
 def place(plan, numbers, room, values, rows):  # type: ignore[no-untyped-def]
     """Move the slots, and put the virtual markers into ``rows`` (eq. 2 of Beskow)."""
     size, ring = plan[SIZE], plan[RING]
@@ -163,7 +169,7 @@ def place(plan, numbers, room, values, rows):  # type: ignore[no-untyped-def]
             c0, c1, c2 = numbers[c], numbers[c + 1], numbers[c + 2]
             if plan[at] == SCALING:
                 _slope(plan, numbers, room, at, c0, c1, c2)
-            _turn(plan, numbers, room, at, np.uint32(0), 1, 3, c0, c1, c2)
+            _turn(plan, numbers, room, at, np.uint32(0), _ONE, _THREE, c0, c1, c2)
             if plan[at] == ROTATION:
                 _slope(plan, numbers, room, at, c0, c1, c2)
     for block in range(plan[BLOCKS]):
@@ -197,7 +203,15 @@ def place(plan, numbers, room, values, rows):  # type: ignore[no-untyped-def]
                 rows[row + axis + m] = corners + u * room[k + UNIT + axis + m]
 
 
-@compiled
+@inner
+def subtract(rows, frame):  # type: ignore[no-untyped-def]
+    """Virtual markers → residuals."""
+    for block in range(rows.shape[0] // SLOT):
+        for m in range(SLOT):
+            rows[block * SLOT + m] -= frame[block * 4 * LANES + m]
+
+
+@inner
 def misfit(rows, frame, objective, threshold, lanes):  # type: ignore[no-untyped-def]
     """Cost of residuals, `(blocks · 96,)`; `objective.cost` says what is what.
 
@@ -222,7 +236,7 @@ def misfit(rows, frame, objective, threshold, lanes):  # type: ignore[no-untyped
     return sum_of_lanes(lanes, 0)
 
 
-@compiled
+@inner
 def _pull(plan, room, rows, frame, objective, threshold):  # type: ignore[no-untyped-def]
     """Derivative of the cost by the virtual markers."""
     straight = 1.0 if objective == DISTANCES else 2.0 * threshold
@@ -242,57 +256,64 @@ def _pull(plan, room, rows, frame, objective, threshold):  # type: ignore[no-unt
             room[k + Z + m] = slope * r2
 
 
-@compiled
-def _back(plan, numbers, room, lane, out):  # type: ignore[no-untyped-def]
-    """Bring the pulls back to the parameters.
+@inner
+def back(plan, numbers, room, axes, out):  # type: ignore[no-untyped-def]
+    """Bring what pulls at the virtual markers back to the parameters, after `place`.
 
-    ``out``, `(parameters, blocks · 96)`: each marker's share, from a lane of its block on.
+    ``out``, `(parameters, blocks · 96)`, is filled with each marker's share: with three ``axes``
+    the slopes of the virtual markers, by a unit pull along x, y and z in turn; with one what the
+    pulls of `_pull` make, on the first 32 of a block's 96.
     """
     blocks, size, ring = plan[BLOCKS], plan[SIZE], plan[RING]
-    for block in range(blocks):
-        o, k = block * (ring + 1) * SLOT, plan[MARKERS] + block * KEPT
-        g, uvw = size + o, plan[COORDINATES] + block * SLOT
-        # What pulls at the normal, brought through its unit length, takes the normal's place.
-        for m in range(LANES):
-            n0, n1 = room[k + UNIT + m], room[k + UNIT + Y + m]
-            n2, tilt = room[k + UNIT + Z + m], room[k + TILT + m]
-            p0, p1, p2 = room[k + PULL + m], room[k + PULL + Y + m], room[k + PULL + Z + m]
-            along = n0 * p0 + n1 * p1 + n2 * p2
-            room[k + m] = tilt * (p0 - along * n0)
-            room[k + Y + m] = tilt * (p1 - along * n1)
-            room[k + Z + m] = tilt * (p2 - along * n2)
-        for j in range(ring):
-            p = o + (j + 1) * SLOT
-            after = o + SLOT if j == ring - 1 else p + SLOT
-            before = o + (ring if j == 0 else j) * SLOT
-            for m in range(LANES):
-                e0, e1 = room[after + m] - room[before + m], room[after + Y + m]
-                e1, e2 = e1 - room[before + Y + m], room[after + Z + m] - room[before + Z + m]
-                h0, h1, h2 = room[k + m], room[k + Y + m], room[k + Z + m]
-                room[size + p + m] = e1 * h2 - e2 * h1
-                room[size + p + Y + m] = e2 * h0 - e0 * h2
-                room[size + p + Z + m] = e0 * h1 - e1 * h0
-        for axis in range(0, SLOT, LANES):
-            for m in range(LANES):
-                pull = room[k + PULL + axis + m]
-                s, t = numbers[uvw + m], numbers[uvw + Y + m]
-                room[g + axis + m] = (1.0 - s - t) * pull
-                room[g + SLOT + axis + m] += s * pull
-                room[g + 2 * SLOT + axis + m] += t * pull
     for p in range(out.shape[0]):
+        for i in range(out.shape[1]):
+            out[p, i] = 0.0
+    for axis in range(axes):
         for block in range(blocks):
+            o, k = block * (ring + 1) * SLOT, plan[MARKERS] + block * KEPT
+            g, uvw = size + o, plan[COORDINATES] + block * SLOT
+            if axes == 3:
+                for m in range(SLOT):
+                    room[k + PULL + m] = 0.0
+                for m in range(LANES):
+                    room[k + PULL + axis * LANES + m] = 1.0
+            # What pulls at the normal, brought through its unit length, takes the normal's place.
             for m in range(LANES):
-                out[p, block * SLOT + lane + m] = 0.0
-    for operation in range(plan[OPERATIONS] - 1, -1, -1):
-        at = OPERATION + 4 * operation
-        if plan[at] == LINEAR:
-            _share(plan, room, numbers, plan[at + 2], out[plan[at + 1]], lane)
-        else:
-            _share(plan, room, room, plan[at + 3], out[plan[at + 1]], lane)
-            _turn(plan, numbers, room, at, plan[SIZE], 3, 1, 0.0, 0.0, 0.0)
+                n0, n1 = room[k + UNIT + m], room[k + UNIT + Y + m]
+                n2, tilt = room[k + UNIT + Z + m], room[k + TILT + m]
+                p0, p1, p2 = room[k + PULL + m], room[k + PULL + Y + m], room[k + PULL + Z + m]
+                along = n0 * p0 + n1 * p1 + n2 * p2
+                room[k + m] = tilt * (p0 - along * n0)
+                room[k + Y + m] = tilt * (p1 - along * n1)
+                room[k + Z + m] = tilt * (p2 - along * n2)
+            for j in range(ring):
+                p = o + (j + 1) * SLOT
+                after = o + SLOT if j == ring - 1 else p + SLOT
+                before = o + (ring if j == 0 else j) * SLOT
+                for m in range(LANES):
+                    e0, e1 = room[after + m] - room[before + m], room[after + Y + m]
+                    e1, e2 = e1 - room[before + Y + m], room[after + Z + m] - room[before + Z + m]
+                    h0, h1, h2 = room[k + m], room[k + Y + m], room[k + Z + m]
+                    room[size + p + m] = e1 * h2 - e2 * h1
+                    room[size + p + Y + m] = e2 * h0 - e0 * h2
+                    room[size + p + Z + m] = e0 * h1 - e1 * h0
+            for along in range(0, SLOT, LANES):
+                for m in range(LANES):
+                    pull = room[k + PULL + along + m]
+                    s, t = numbers[uvw + m], numbers[uvw + Y + m]
+                    room[g + along + m] = (1.0 - s - t) * pull
+                    room[g + SLOT + along + m] += s * pull
+                    room[g + 2 * SLOT + along + m] += t * pull
+        for operation in range(plan[OPERATIONS] - 1, -1, -1):
+            at = OPERATION + 4 * operation
+            if plan[at] == LINEAR:
+                _share(plan, room, numbers, plan[at + 2], out[plan[at + 1]], axis * LANES)
+            else:
+                _share(plan, room, room, plan[at + 3], out[plan[at + 1]], axis * LANES)
+                _turn(plan, numbers, room, at, plan[SIZE], _THREE, _ONE, 0.0, 0.0, 0.0)
 
 
-@compiled
+@inner
 def _share(plan, room, field, start, out, lane):  # type: ignore[no-untyped-def]
     """Add what the adjoint has of a field, marker by marker."""
     slots = plan[RING] + 1
@@ -307,58 +328,46 @@ def _share(plan, room, field, start, out, lane):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def jacobian(plan, numbers, room, out):  # type: ignore[no-untyped-def]
-    """Derivative of the virtual markers, `(parameters, blocks · 96)`, after `place`."""
-    for axis in range(3):
-        for block in range(plan[BLOCKS]):
-            k = plan[MARKERS] + block * KEPT + PULL
-            for m in range(SLOT):
-                room[k + m] = 0.0
-            for m in range(LANES):
-                room[k + axis * LANES + m] = 1.0
-        _back(plan, numbers, room, np.uint32(axis * LANES), out)
+def evaluate(plan, numbers, room, values, frame, objective, threshold, rows, shares, out):  # type: ignore[no-untyped-def]
+    """Virtual markers at some points with their slopes, or the cost at one with its gradient.
 
+    Parameters
+    ----------
+    plan, numbers, room
+        See above.
+    values
+        `(points, parameters)`.
+    frame, objective, threshold
+        The measured markers, from `pack_frames`, and what of them is minimised; or with an
+        objective of `SLOPES` none.
+    rows
+        `(points, blocks · 96)`, filled: virtual markers, or residuals.
+    shares
+        `(points, parameters, blocks · 96)`, filled: slopes of the virtual markers, or to work in.
+    out
+        `(parameters,)`, filled: the gradient.
 
-@compiled
-def gradient(plan, numbers, room, rows, frame, objective, threshold, shares, out):  # type: ignore[no-untyped-def]
-    """Derivative of the cost by the parameters, after `place`, from the residuals in ``rows``.
-
-    ``shares``, `(parameters, blocks · 96)`, are to work in.
+    Returns
+    -------
+    float
+        The cost.
     """
-    _pull(plan, room, rows, frame, objective, threshold)
-    _back(plan, numbers, room, np.uint32(0), shares)
-    for p in range(out.shape[0]):
-        for block in range(1, plan[BLOCKS]):
-            for m in range(LANES):
-                shares[p, m] += shares[p, block * SLOT + m]
-        out[p] = sum_of_lanes(shares[p], 0)
-
-
-@compiled
-def cost(plan, numbers, room, values, frame, objective, threshold, rows, lanes):  # type: ignore[no-untyped-def]
-    """Cost of a frame; ``rows`` are left as the residuals, ``lanes``, `(32,)`, are to work in."""
-    place(plan, numbers, room, values, rows)
-    for block in range(plan[BLOCKS]):
-        for m in range(SLOT):
-            rows[block * SLOT + m] -= frame[block * 4 * LANES + m]
-    return misfit(rows, frame, objective, threshold, lanes)
-
-
-@compiled
-def cost_and_gradient(  # type: ignore[no-untyped-def]
-    plan, numbers, room, values, frame, objective, threshold, rows, shares, out
-):
-    """Cost of a frame, and its derivative by the parameters into ``out``."""
-    value = cost(plan, numbers, room, values, frame, objective, threshold, rows, shares[0])
-    gradient(plan, numbers, room, rows, frame, objective, threshold, shares, out)
+    value = 0.0
+    for point in range(values.shape[0]):
+        row, share = rows[point], shares[point]
+        place(plan, numbers, room, values[point], row)
+        if objective != SLOPES:
+            subtract(row, frame)
+            value = misfit(row, frame, objective, threshold, share[0])
+            _pull(plan, room, row, frame, objective, threshold)
+        back(plan, numbers, room, 3 if objective == SLOPES else 1, share)
+        if objective != SLOPES:
+            for p in range(out.shape[0]):
+                for block in range(1, plan[BLOCKS]):
+                    for m in range(LANES):
+                        share[p, m] += share[p, block * SLOT + m]
+                out[p] = sum_of_lanes(share[p], 0)
     return value
-
-
-@compiled
-def _evaluate_frames(plan, numbers, room, values, rows, slopes):  # type: ignore[no-untyped-def]
-    for frame in range(values.shape[0]):
-        place(plan, numbers, room, values[frame], rows[frame])
-        jacobian(plan, numbers, room, slopes[frame])
 
 
 def markers_of_frames(
@@ -387,7 +396,18 @@ def markers_of_frames(
     slopes = np.empty((frames, parameters, blocks * SLOT))
     room = np.zeros(slots.room)
     values = np.ascontiguousarray(values)
-    _evaluate_frames(slots.plan, slots.numbers, room, values, rows, slopes)
+    evaluate(
+        slots.plan,
+        slots.numbers,
+        room,
+        values,
+        np.zeros(0),
+        SLOPES,
+        0.0,
+        rows,
+        slopes,
+        np.zeros(0),
+    )
     positions = rows.reshape(frames, blocks, 3, LANES).transpose(0, 1, 3, 2)
     jacobians = slopes.reshape(frames, parameters, blocks, 3, LANES).transpose(0, 2, 4, 3, 1)
     return (

@@ -18,7 +18,7 @@ import numpy as np
 from numba import extending
 from numpy.typing import NDArray
 
-from mocap_fit.fitting.kernel import compiled, cost_and_gradient
+from mocap_fit.fitting.kernel import evaluate, inner
 from mocap_fit.fitting.slots import LANES, SLOT, Slots
 from mocap_fit.tracks import FloatArray
 
@@ -81,7 +81,7 @@ _PLAN, _NUMBERS, _ROOM, _FRAME, _ROWS, _SHARES = range(6)
 _SETTINGS, _SCALE, _STATE, _BEST, _VALUES, _SLOPES, _COUNT = range(6, 13)
 
 
-@compiled
+@inner
 def _vector(table, row):  # type: ignore[no-untyped-def]
     return _numba.carray(_pointer(table[row, 0]), table[row, 1], np.float64)
 
@@ -98,22 +98,22 @@ def _objective(count, point, slope, data):  # type: ignore[no-untyped-def]
     plan = _numba.carray(_pointer(table[_PLAN, 0]), table[_PLAN, 1], np.uint32)
     numbers, room = _vector(table, np.int64(_NUMBERS)), _vector(table, np.int64(_ROOM))
     frame, rows = _vector(table, np.int64(_FRAME)), _vector(table, np.int64(_ROWS))
-    shares = _vector(table, np.int64(_SHARES)).reshape((np.int64(count), rows.shape[0]))
+    shares = _vector(table, np.int64(_SHARES)).reshape((1, np.int64(count), rows.shape[0]))
     settings, state = _vector(table, np.int64(_SETTINGS)), _vector(table, np.int64(_STATE))
     scale, best = _vector(table, np.int64(_SCALE)), _vector(table, np.int64(_BEST))
     values, slopes = _vector(table, np.int64(_VALUES)), _vector(table, np.int64(_SLOPES))
     x = _numba.carray(point, (count,), np.float64)
     for i in range(count):
         values[i] = x[i] * scale[i]
-    value = cost_and_gradient(
+    value = evaluate(
         plan,
         numbers,
         room,
-        values,
+        values.reshape((1, values.shape[0])),
         frame,
         int(settings[0]),
         settings[1],
-        rows,
+        rows.reshape((1, rows.shape[0])),
         shares,
         slopes,
     )

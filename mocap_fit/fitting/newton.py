@@ -21,11 +21,12 @@ import numpy as np
 from mocap_fit.fitting.kernel import (
     DISTANCES,
     SQUARES,
+    back,
     compiled,
-    cost,
-    jacobian,
+    inner,
     misfit,
     place,
+    subtract,
     sum_of_lanes,
 )
 from mocap_fit.fitting.slots import LANES, SLOT, Slots, Y, Z
@@ -89,7 +90,7 @@ def newton_room(slots: Slots) -> NewtonRoom:
     )
 
 
-@compiled
+@inner
 def _bend(rows, bends, frame, objective, threshold):  # type: ignore[no-untyped-def]
     """Second derivative of every marker's cost by its residual, with the dual's direction."""
     straight = 1.0 if objective == DISTANCES else 2.0 * threshold
@@ -115,7 +116,7 @@ def _bend(rows, bends, frame, objective, threshold):  # type: ignore[no-untyped-
             bends[6, k + m] = h * (r1 * z2 + r2 * z1)
 
 
-@compiled
+@inner
 def _normal_equations(rows, bends, slopes, bent, lanes, gradient, hessian):  # type: ignore[no-untyped-def]
     """Gradient and Hessian of the linear model; the lower half of the Hessian."""
     blocks = rows.shape[1] // SLOT
@@ -145,7 +146,7 @@ def _normal_equations(rows, bends, slopes, bent, lanes, gradient, hessian):  # t
             hessian[p, q] = sum_of_lanes(lanes, 0)
 
 
-@compiled
+@inner
 def _solve(hessian, factor, gradient, free, out):  # type: ignore[no-untyped-def]
     """Newton's step on the free parameters, by Cholesky's factors."""
     count = gradient.shape[0]
@@ -177,7 +178,7 @@ def _solve(hessian, factor, gradient, free, out):  # type: ignore[no-untyped-def
         out[i] = right / factor[i, i]
 
 
-@compiled
+@inner
 def _update_dual(rows, portion):  # type: ignore[no-untyped-def]
     """Bring the dual variables along a step, and back into their balls."""
     for block in range(rows.shape[1] // SLOT):
@@ -200,7 +201,7 @@ def _update_dual(rows, portion):  # type: ignore[no-untyped-def]
             rows[_DUAL, m + Z] = z2 * shrink
 
 
-@compiled
+@inner
 def _model_step(  # type: ignore[no-untyped-def]
     values, frame, objective, threshold, bounds, fixed, tolerance, work, best
 ):
@@ -254,7 +255,7 @@ def _model_step(  # type: ignore[no-untyped-def]
     return best
 
 
-@compiled
+@inner
 def _newton(values, bounds, fixed, work):  # type: ignore[no-untyped-def]
     """Newton's step at ``values`` by the gradient and the Hessian there; what it is to gain."""
     vectors = work.vectors
@@ -271,7 +272,7 @@ def _newton(values, bounds, fixed, work):  # type: ignore[no-untyped-def]
     return gain
 
 
-@compiled
+@inner
 def _accept(rows, frame, start, following):  # type: ignore[no-untyped-def]
     """Take the point that was tried for the best."""
     for p in range(start.shape[0]):
@@ -336,7 +337,7 @@ def solve_frames(  # type: ignore[no-untyped-def]
     # What the linear model may be off by: what is left to gain is of the order of its square.
     close = 0.03 * math.sqrt(tolerance)
     place(plan, numbers, room, start, virtual)
-    jacobian(plan, numbers, room, work.slopes)
+    back(plan, numbers, room, np.int64(3), work.slopes)
     for f in range(frames.shape[0]):
         frame = frames[f]
         for block in range(length // SLOT):
@@ -358,17 +359,9 @@ def solve_frames(  # type: ignore[no-untyped-def]
             for _ in range(_HALVINGS):
                 for p in range(count):
                     following[p] = start[p] + portion * vectors[_STEP, p]
-                now = cost(
-                    plan,
-                    numbers,
-                    room,
-                    following,
-                    frame,
-                    objective,
-                    threshold,
-                    trial,
-                    work.lanes,
-                )
+                place(plan, numbers, room, following, trial)
+                subtract(trial, frame)
+                now = misfit(trial, frame, objective, threshold, work.lanes)
                 evaluations[f] += 1
                 if now <= best:
                     found = True
@@ -385,7 +378,7 @@ def solve_frames(  # type: ignore[no-untyped-def]
                 break
             if not found:
                 place(plan, numbers, room, start, trial)
-            jacobian(plan, numbers, room, work.slopes)
+            back(plan, numbers, room, np.int64(3), work.slopes)
             exact = True
         costs[f] = best
         for p in range(count):

@@ -34,8 +34,8 @@ class Evaluator:
         if self._kernel is not None:
             self._slots = pack(binding)
             rows = self._slots.blocks * SLOT
-            self._room, self._rows = np.zeros(self._slots.room), np.zeros(rows)
-            self._shares = np.zeros((self._slots.parameters, rows))
+            self._room, self._rows = np.zeros(self._slots.room), np.zeros((1, rows))
+            self._shares = np.zeros((1, self._slots.parameters, rows))
             self._code = OBJECTIVES.index(objective)
         self.set_frame(np.zeros((len(binding.names), 3)), np.ones(len(binding.names), dtype=bool))
 
@@ -94,11 +94,11 @@ class Evaluator:
             gradient[:] = np.tensordot(pull, jacobian[seen], 2)
             return value
         return float(
-            self._kernel.cost_and_gradient(
+            self._kernel.evaluate(
                 self._slots.plan,
                 self._slots.numbers,
                 self._room,
-                values,
+                values[None],
                 self._frame,
                 self._code,
                 self._threshold,

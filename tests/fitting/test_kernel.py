@@ -140,18 +140,18 @@ class Kernel:
 
     def __init__(self, slots: Slots) -> None:
         self._slots, rows = slots, slots.blocks * SLOT
-        self._room, self._rows = np.full(slots.room, np.nan), np.full(rows, np.nan)
-        self._shares = np.full((slots.parameters, rows), np.nan)
+        self._room, self._rows = np.full(slots.room, np.nan), np.full((1, rows), np.nan)
+        self._shares = np.full((1, slots.parameters, rows), np.nan)
 
     def cost(
         self, values: np.ndarray, frame: np.ndarray, objective: int, threshold: float
     ) -> tuple[float, np.ndarray]:
         slope = np.full(len(values), np.nan)
-        cost = kernel.cost_and_gradient(
+        cost = kernel.evaluate(
             self._slots.plan,
             self._slots.numbers,
             self._room,
-            values,
+            values[None],
             frame,
             objective,
             threshold,
@@ -161,11 +161,9 @@ class Kernel:
         )
         return cost, slope
 
-    def jacobian(self, values: np.ndarray) -> np.ndarray:
-        slots, slopes = self._slots, np.full_like(self._shares, np.nan)
-        kernel.place(slots.plan, slots.numbers, self._room, values, self._rows)
-        kernel.jacobian(slots.plan, slots.numbers, self._room, slopes)
-        return slopes
+    def slopes(self, values: np.ndarray) -> np.ndarray:
+        self.cost(values, np.zeros(0), kernel.SLOPES, 0.0)
+        return self._shares.copy()
 
 
 def in_kernel(case: Case, objective: str, values: np.ndarray) -> tuple[float, np.ndarray]:
@@ -343,11 +341,11 @@ def test_the_room_is_used_again() -> None:
     frame = pack_frames(case.targets[None], case.binding.weights)[0]
     used = Kernel(pack(case.binding))
     before = used.cost(case.values, frame, 0, 1.0)
-    slopes = used.jacobian(case.values)
+    slopes = used.slopes(case.values)
     used.cost(np.full(4, np.nan), frame, 0, 1.0)
     used.cost(-case.values, frame, 1, 1.0)
-    used.jacobian(-case.values)
+    used.slopes(-case.values)
     after = used.cost(case.values, frame, 0, 1.0)
     assert before[0] == after[0]
     np.testing.assert_array_equal(before[1], after[1])
-    np.testing.assert_array_equal(used.jacobian(case.values), slopes)
+    np.testing.assert_array_equal(used.slopes(case.values), slopes)
