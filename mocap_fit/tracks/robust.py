@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mocap_fit.errors import DataError
 from mocap_fit.tracks.rigid import rigid_transforms
+from mocap_fit.tracks.thinned import Thinned
 from mocap_fit.tracks.types import FloatArray
 
 #: How often a clean frame may lose a point by mistake.
@@ -27,10 +28,12 @@ LEAST_NOISE = 1e-3
 _SUSPICIOUS, _OBVIOUS = 2.0, 8.0
 # The better of two explanations must be a hundred times more likely than the other.
 _CLEAR_DIFFERENCE = 2.0 * np.log(100.0)
-# Frames that are looked at to learn the noise.
-_SAMPLE = 1000
+# Frames that are looked at to learn the noise, at most, and that are simulated.
+_MOST, _SAMPLE = 2000, 1000
 # Known frames on each side that a frame is compared with.
 _NEARBY = 12
+#: They are looked for no farther than this many frames away.
+REACH = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,10 +153,8 @@ def _noise(source: FloatArray, target: FloatArray, weights: FloatArray) -> tuple
     median, because two markers that exchange their names may be in it too.
     """
     count = source.shape[0]
-    step = max(1, len(target) // _SAMPLE)
-    sample = target[::step]
     squares = np.min(
-        [_sums_of_squares(source, sample, weights, _without(count, (k,))) for k in range(count)],
+        [_sums_of_squares(source, target, weights, _without(count, (k,))) for k in range(count)],
         axis=0,
     )
     squares = squares[np.isfinite(squares)]
@@ -240,9 +241,14 @@ def _with_neighbours(
     if not len(where) or not bad.any():
         return bad
     sums = np.concatenate([np.zeros((1, bad.shape[1])), np.cumsum(bad[where], axis=0)])
-    place = np.searchsorted(where, np.arange(len(bad)))
-    first = np.clip(place - _NEARBY, 0, len(where))
-    last = np.clip(place + _NEARBY + known, 0, len(where))
+    frames = np.arange(len(bad))
+    place = np.searchsorted(where, frames)
+    nearest, farthest = (
+        np.searchsorted(where, frames - REACH),
+        np.searchsorted(where, frames + REACH, side="right"),
+    )
+    first = np.clip(place - _NEARBY, nearest, None)
+    last = np.clip(place + _NEARBY + known, None, farthest)
     most = 2 * (sums[last] - sums[first]) > (last - first)[:, None]
     return np.asarray((bad & obvious[:, None]) | (most & seen))
 
@@ -259,8 +265,52 @@ def _remaining_noise(residuals: FloatArray, weights: FloatArray) -> float:
     return float(np.sqrt(np.median(squares / middle)))
 
 
+class NoiseSample:
+    """What of a recording tells the noise of its points; it may come in parts.
+
+    Parameters
+    ----------
+    source
+        `(points, 3)`, the body's shape.
+    weights
+        `(points,)`.
+    """
+
+    def __init__(self, source: FloatArray, weights: FloatArray) -> None:
+        self._source, self._weights = source, weights
+        self._there = ~np.isnan(source).any(axis=1) & (weights > 0)
+        # Frames that show the same points, by which points these are.
+        self._patterns: dict[tuple[bool, ...], Thinned] = {}
+
+    def add(self, target: FloatArray) -> None:
+        """Take the next frames, `(frames, points, 3)`."""
+        seen = self._there & ~np.isnan(target).any(axis=2)
+        enough = np.flatnonzero(seen.sum(axis=1) >= 4)
+        if not enough.size:
+            return
+        patterns, which = np.unique(seen[enough], axis=0, return_inverse=True)
+        for number, pattern in enumerate(patterns):
+            kept = self._patterns.setdefault(tuple(pattern.tolist()), Thinned(_MOST))
+            kept.add(target[enough[which.reshape(-1) == number]][:, pattern])
+
+    def noise(self) -> tuple[float, float]:
+        """Variance of a coordinate of a point of weight 1, and its degrees of freedom.
+
+        NaN and 0 where no frame can tell.
+        """
+        if not self._patterns:
+            return np.nan, 0.0
+        commonest = max(sorted(self._patterns), key=lambda shown: self._patterns[shown].count)
+        chosen = np.flatnonzero(commonest)
+        rows = self._patterns[commonest].rows
+        return _noise(self._source[chosen], rows, self._weights[chosen])
+
+
 def robust_rigid_transforms(
-    source: ArrayLike, target: ArrayLike, weights: ArrayLike | None = None
+    source: ArrayLike,
+    target: ArrayLike,
+    weights: ArrayLike | None = None,
+    noise: tuple[float, float] | None = None,
 ) -> RigidFit:
     """Find the rigid transform of every frame, leaving bad points out.
 
@@ -272,6 +322,9 @@ def robust_rigid_transforms(
         `(frames, points, 3)`; NaN where a point is not seen.
     weights
         `(points,)`: reciprocals of the points' relative variances; all 1 when not given.
+    noise
+        From a `NoiseSample` of the whole recording, where these frames are a part of it. A part
+        needs `REACH` frames more on each side to get the same answers.
 
     Returns
     -------
@@ -309,11 +362,7 @@ def robust_rigid_transforms(
         patterns, number = np.unique(seen[known], axis=0, return_inverse=True)
         number = number.reshape(-1)
         frames = np.flatnonzero(known)
-        commonest = int(np.argmax(np.bincount(number)))
-        chosen = np.flatnonzero(patterns[commonest])
-        variance, freedom = _noise(
-            points[chosen], goals[np.ix_(frames[number == commonest], chosen)], base[chosen]
-        )
+        variance, freedom = _learnt(points, goals, base) if noise is None else noise
         if np.isfinite(variance):
             for index, pattern in enumerate(patterns):
                 chosen, part = np.flatnonzero(pattern), frames[number == index]
@@ -329,5 +378,11 @@ def robust_rigid_transforms(
         rotations[again], translations[again], residuals[again] = rigid_transforms(
             points, goals[again], weight[again]
         )
-    noise = _remaining_noise(residuals, weight)
-    return RigidFit(rotations, translations, residuals, weight, bad, noise)
+    left = _remaining_noise(residuals, weight)
+    return RigidFit(rotations, translations, residuals, weight, bad, left)
+
+
+def _learnt(source: FloatArray, target: FloatArray, weights: FloatArray) -> tuple[float, float]:
+    sample = NoiseSample(source, weights)
+    sample.add(target)
+    return sample.noise()
