@@ -18,11 +18,9 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from mocap_fit.errors import DataError, FileFormatError
 from mocap_fit.tracks.types import (
@@ -31,6 +29,7 @@ from mocap_fit.tracks.types import (
     Origin,
     ParameterTracks,
     PoseTracks,
+    Provenance,
     Step,
 )
 
@@ -42,9 +41,11 @@ Kind = Literal["markers", "poses", "parameters"]
 Columns = dict[str, np.ndarray[Any, Any]]
 
 FORMAT_VERSION = 1
-_KEY = "mocap_fit"
+KEY = "mocap_fit"
 _AXES = ("x", "y", "z")
 _MATRIX = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
+_NOT_WHOLE = "this is not a whole Parquet file"
+_WRITE_AGAIN = "It may be cut short, or of another format: write it again."
 _ADVICE = "Read a table of another program with pandas and give it to from_frame."
 
 
@@ -63,7 +64,7 @@ def _column_names(kind: Kind, names: tuple[str, ...]) -> list[str]:
     return [f"{name}_{part}" for name in names for part in (*_AXES, *_MATRIX, "residual_mm")]
 
 
-def _columns(tracks: Tracks) -> Columns:
+def columns_of(tracks: Tracks) -> Columns:
     """The columns after `utterance`, by name."""
     kind = _kind(tracks)
     names = _column_names(kind, tracks.names)
@@ -103,7 +104,8 @@ def _plain(value: object) -> object:
     )
 
 
-def _metadata(tracks: Tracks) -> dict[str, Any]:
+def metadata_of(tracks: Tracks) -> dict[str, Any]:
+    """What a table cannot hold, as values that JSON can."""
     described = {
         "format_version": FORMAT_VERSION,
         "kind": _kind(tracks),
@@ -198,9 +200,9 @@ def to_frame(tracks: Tracks) -> pd.DataFrame:
     """
     import pandas as pd
 
-    frame = pd.DataFrame({"utterance": tracks.name, **_columns(tracks)})
+    frame = pd.DataFrame({"utterance": tracks.name, **columns_of(tracks)})
     frame["utterance"] = frame["utterance"].astype(str)
-    frame.attrs[_KEY] = _metadata(tracks)
+    frame.attrs[KEY] = metadata_of(tracks)
     return frame
 
 
@@ -229,7 +231,7 @@ def from_frame(
     DataError
         If columns are missing, hold text, or times are not evenly spaced.
     """
-    noted = frame.attrs.get(_KEY)
+    noted = frame.attrs.get(KEY)
     if noted is not None and kind in (None, noted["kind"]):
         metadata = dict(noted)
         # A part of the rows, or other times, are taken for what they are.
@@ -321,64 +323,6 @@ def _guessed(frame: pd.DataFrame, kind: Kind | None, rate: float | None) -> dict
     }
 
 
-def write_parquet(
-    tracks: Tracks,
-    path: str | os.PathLike[str],
-    extra_columns: Mapping[str, ArrayLike] | None = None,
-) -> None:
-    """Write tracks as one Parquet file, whole or not at all.
-
-    Parameters
-    ----------
-    tracks
-        Markers, poses or parameters.
-    path
-        The file; one that exists is replaced.
-    extra_columns
-        More columns of `(frames,)` each, for other programs; `read_parquet` leaves them out.
-
-    Raises
-    ------
-    DataError
-        If two columns would have one name, or an extra one has the wrong length.
-    FileFormatError
-        If the file cannot be written.
-    """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    columns: Columns = _columns(tracks)
-    for name, values in (extra_columns or {}).items():
-        array = np.asarray(values)
-        if name in columns or name == "utterance":
-            raise DataError("two columns of the table would have one name", found=name)
-        if array.shape != (tracks.frames,):
-            raise DataError(
-                f"the column '{name}' has the wrong length",
-                found=array.shape,
-                expected=(tracks.frames,),
-            )
-        columns[name] = array
-    arrays = {"utterance": pa.array([tracks.name] * tracks.frames, type=pa.string())}
-    arrays.update({name: pa.array(np.ascontiguousarray(a)) for name, a in columns.items()})
-    text = json.dumps(_metadata(tracks), sort_keys=True, ensure_ascii=False)
-    table = pa.table(arrays).replace_schema_metadata({_KEY: text.encode()})
-    target = Path(path)
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
-    try:
-        pq.write_table(table, partial, compression="zstd", write_page_checksum=True)
-        os.replace(partial, target)
-    except OSError as error:
-        raise FileFormatError(
-            "the file cannot be written",
-            path=path,
-            found=os.strerror(error.errno) if error.errno else error,
-            advice="Check that the folder exists and may be written to.",
-        ) from None
-    finally:
-        partial.unlink(missing_ok=True)
-
-
 def is_tracks_file(path: str | os.PathLike[str]) -> bool:
     """Whether a file is Parquet that `write_parquet` wrote."""
     import pyarrow as pa
@@ -388,7 +332,7 @@ def is_tracks_file(path: str | os.PathLike[str]) -> bool:
         metadata = pq.read_schema(path).metadata
     except (OSError, pa.ArrowException):
         return False
-    return _KEY.encode() in (metadata or {})
+    return KEY.encode() in (metadata or {})
 
 
 def read_parquet(path: str | os.PathLike[str]) -> Tracks:
@@ -422,39 +366,12 @@ def read_parquet(path: str | os.PathLike[str]) -> Tracks:
                 use_threads=False,
             )
     except pa.ArrowException as error:
-        raise FileFormatError(
-            "this is not a whole Parquet file",
-            path=path,
-            found=error,
-            advice="It may be cut short, or of another format: write it again.",
-        ) from None
+        raise FileFormatError(_NOT_WHOLE, path=path, found=error, advice=_WRITE_AGAIN) from None
     except OSError as error:
         # Pyarrow says damaged content as OSError too, but without the number of a system error.
-        problem = "the file cannot be read" if error.errno else "this is not a whole Parquet file"
+        problem = "the file cannot be read" if error.errno else _NOT_WHOLE
         raise FileFormatError(problem, path=path, found=error.strerror or error) from None
-    text = (table.schema.metadata or {}).get(_KEY.encode())
-    if text is None:
-        raise FileFormatError(
-            "this Parquet file does not hold tracks of mocap-fit",
-            path=path,
-            found=f"columns {', '.join(table.column_names)}",
-            advice=_ADVICE,
-        )
-    try:
-        metadata = json.loads(text)
-        version = metadata["format_version"]
-    except (ValueError, TypeError, KeyError) as error:
-        raise FileFormatError(
-            "the description in this Parquet file is damaged", path=path, found=error
-        ) from None
-    if not isinstance(version, int) or version > FORMAT_VERSION:
-        raise FileFormatError(
-            "this file is of a later format than this version of mocap-fit reads",
-            path=path,
-            found=f"format_version {version}",
-            expected=f"at most {FORMAT_VERSION}",
-            advice="Update mocap-fit.",
-        )
+    metadata = _description(table.schema, path)
     try:
         wanted = _column_names(metadata["kind"], tuple(metadata["names"]))
         columns = {
@@ -474,4 +391,70 @@ def read_parquet(path: str | os.PathLike[str]) -> Tracks:
             frame=error.frame,
             found=error.found,
             expected=error.expected,
+        ) from None
+
+
+def _description(schema: Any, path: str | os.PathLike[str]) -> dict[str, Any]:
+    """What a file's schema says beside its columns."""
+    text = (schema.metadata or {}).get(KEY.encode())
+    if text is None:
+        raise FileFormatError(
+            "this Parquet file does not hold tracks of mocap-fit",
+            path=path,
+            found=f"columns {', '.join(schema.names)}",
+            advice=_ADVICE,
+        )
+    try:
+        metadata = json.loads(text)
+        version = metadata["format_version"]
+    except (ValueError, TypeError, KeyError) as error:
+        raise FileFormatError(
+            "the description in this Parquet file is damaged", path=path, found=error
+        ) from None
+    if not isinstance(version, int) or version > FORMAT_VERSION:
+        raise FileFormatError(
+            "this file is of a later format than this version of mocap-fit reads",
+            path=path,
+            found=f"format_version {version}",
+            expected=f"at most {FORMAT_VERSION}",
+            advice="Update mocap-fit.",
+        )
+    return dict(metadata)
+
+
+def read_provenance(path: str | os.PathLike[str]) -> Provenance:
+    """The steps that led to the tracks that a file holds, without holding them.
+
+    The whole file is looked through nevertheless, a group of rows at a time, for damage.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Raises
+    ------
+    FileFormatError
+        As `read_parquet`.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with open(path, "rb") as stream:
+            file = pq.ParquetFile(stream, page_checksum_verification=True)
+            metadata = _description(file.schema_arrow, path)
+            for group in range(file.num_row_groups):
+                file.read_row_group(group, use_threads=False)
+        return tuple(Step.from_dict(step) for step in metadata["provenance"])
+    except pa.ArrowException as error:
+        raise FileFormatError(_NOT_WHOLE, path=path, found=error, advice=_WRITE_AGAIN) from None
+    except OSError as error:
+        problem = "the file cannot be read" if error.errno else _NOT_WHOLE
+        raise FileFormatError(problem, path=path, found=error.strerror or error) from None
+    except (KeyError, TypeError, AttributeError) as error:
+        raise FileFormatError(
+            "the description in this Parquet file is damaged",
+            path=path,
+            found=f"{type(error).__name__}: {error}",
         ) from None

@@ -1,0 +1,147 @@
+"""Tracks into Parquet, at once or a stretch at a time: the same bytes."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mocap_fit.errors import DataError, FileFormatError
+from mocap_fit.tracks.storage import KEY, Tracks, columns_of, metadata_of
+
+ROW_GROUP = 16384
+"""Rows of a group: readers, and writers of long tracks, hold one at a time."""
+
+
+class TracksWriter:
+    """Writes tracks stretch by stretch; the file is there when all is written, or not at all.
+
+    Use it in a ``with`` statement; what was written so far goes where an error ends it.
+
+    Parameters
+    ----------
+    path
+        The file; one that exists is replaced.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be written.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._target = Path(path)
+        self._partial = self._target.with_name(f".{self._target.name}.{os.getpid()}.partial")
+        self._writer: Any = None
+        self._first: Tracks | None = None
+        self._frames = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def write(self, tracks: Tracks, extra_columns: Mapping[str, ArrayLike] | None = None) -> None:
+        """Add a stretch: `ROW_GROUP` frames, or any number in the last.
+
+        Rate, start time, events and provenance are those of the first.
+
+        Raises
+        ------
+        DataError
+            If two columns would have one name, or an extra one has the wrong length.
+        FileFormatError
+            If the file cannot be written.
+        """
+        import pyarrow as pa
+
+        columns = columns_of(tracks)
+        for name, values in (extra_columns or {}).items():
+            array = np.asarray(values)
+            if name in columns or name == "utterance":
+                raise DataError("two columns of the table would have one name", found=name)
+            if array.shape != (tracks.frames,):
+                raise DataError(
+                    f"the column '{name}' has the wrong length",
+                    found=array.shape,
+                    expected=(tracks.frames,),
+                )
+            columns[name] = array
+        first = self._first or tracks
+        numbers = np.arange(self._frames, self._frames + tracks.frames)
+        columns["time"] = first.start_time + numbers / first.rate
+        arrays = {"utterance": pa.array([tracks.name] * tracks.frames, type=pa.string())}
+        arrays.update({name: pa.array(np.ascontiguousarray(a)) for name, a in columns.items()})
+        table = pa.table(arrays)
+        try:
+            if self._writer is None:
+                self._open(table, tracks)
+            self._writer.write_table(table.cast(self._writer.schema), row_group_size=ROW_GROUP)
+        except OSError as error:
+            raise self._fault(error) from None
+        self._first = first
+        self._frames += tracks.frames
+
+    def _open(self, table: Any, tracks: Tracks) -> None:
+        import pyarrow.parquet as pq
+
+        text = json.dumps(metadata_of(tracks), sort_keys=True, ensure_ascii=False)
+        schema = table.schema.with_metadata({KEY: text.encode()})
+        self._writer = pq.ParquetWriter(
+            self._partial, schema, compression="zstd", write_page_checksum=True
+        )
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        try:
+            if self._writer is not None:
+                self._writer.close()
+            if kind is None:
+                os.replace(self._partial, self._target)
+        except OSError as problem:
+            raise self._fault(problem) from None
+        finally:
+            self._partial.unlink(missing_ok=True)
+
+    def _fault(self, error: OSError) -> FileFormatError:
+        return FileFormatError(
+            "the file cannot be written",
+            path=self._target,
+            found=os.strerror(error.errno) if error.errno else error,
+            advice="Check that the folder exists and may be written to.",
+        )
+
+
+def write_parquet(
+    tracks: Tracks,
+    path: str | os.PathLike[str],
+    extra_columns: Mapping[str, ArrayLike] | None = None,
+) -> None:
+    """Write tracks as one Parquet file, whole or not at all.
+
+    Parameters
+    ----------
+    tracks
+        Markers, poses or parameters.
+    path
+        The file; one that exists is replaced.
+    extra_columns
+        More columns of `(frames,)` each, for other programs; `read_parquet` leaves them out.
+
+    Raises
+    ------
+    DataError
+        If two columns would have one name, or an extra one has the wrong length.
+    FileFormatError
+        If the file cannot be written.
+    """
+    with TracksWriter(path) as writer:
+        writer.write(tracks, extra_columns)
