@@ -45,6 +45,7 @@ ROOMS = {
         "simulate",
         "spread",
         "speaker",
+        "long_recording",
         "one_recording",
         "fit",
         "comparison",

@@ -118,6 +118,7 @@ class StretchFitter:
             )
         self._binding, self._refine_pose = binding, refine_pose
         self._scale = binding.orientation.scale
+        self.parameter_names = binding.parameter_names
         self._solver = _solver(
             binding,
             objective,
