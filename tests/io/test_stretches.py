@@ -1,5 +1,6 @@
 """Recordings a stretch at a time: together what is read at once."""
 
+import dataclasses
 import re
 import warnings
 from pathlib import Path
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from mocap_fit.errors import DataError, FileFormatError, MocapFitError, MocapFitWarning
-from mocap_fit.io import number_table, read_stretches, read_tracks, reads_in_stretches
+from mocap_fit.io import c3d, number_table, read_stretches, read_tracks, reads_in_stretches
 from mocap_fit.io import text as text_module
 from mocap_fit.tracks import MarkerTracks
 
@@ -61,6 +62,28 @@ def test_together_they_are_the_whole(path: Path, frames: int, block_size: int) -
     whole, expected = told(lambda: read_tracks(path, **said))
     parts, heard = told(lambda: list(read_stretches(path, frames=frames, **said)))
     assert_same(parts, whole, frames)
+    assert heard == expected
+
+
+@pytest.mark.parametrize("name", ["points.c3d", "subject_metres.c3d", "two_subjects.c3d"])
+def test_other_kinds_of_c3d_go_through_ezc3d(name: str, monkeypatch) -> None:
+    """Whole numbers, and other orders of bytes: a copy of the stretch is read."""
+    check = c3d.check_structure
+    monkeypatch.setattr(
+        c3d, "check_structure", lambda path: dataclasses.replace(check(path), plain_floats=False)
+    )
+    path = FIXTURES / "recordings" / name
+    whole = read_tracks(path)
+    for frames in (1, 5, 100):
+        assert_same(list(read_stretches(path, frames=frames)), whole, frames)
+
+
+@pytest.mark.real_data
+def test_a_long_c3d_file_of_a_laboratory(data_folder: Path) -> None:
+    path = data_folder / "c3d" / "qtm2017_body_with_head_markers.c3d"
+    whole, expected = told(lambda: read_tracks(path))
+    parts, heard = told(lambda: list(read_stretches(path, frames=100)))
+    assert_same(parts, whole, 100)
     assert heard == expected
 
 
