@@ -75,10 +75,12 @@ def read(
         If the file does not say its unit, or some points are no positions.
     """
     file = checked_file(path)
-    _checked(file)
-    content = _opened(file)
+    extent = _checked(file)
+    # ezc3d takes its time over the frames, and knows no more than 65,535 of them.
+    content = _part(file, extent, 0, 1) if extent.plain_floats else _opened(file)
     about = _about(content, file, names, rate)
-    points = _points(content)[:, about.kept]
+    points = _floats(file, extent, 0, extent.frames) if extent.plain_floats else _points(content)
+    points = points[:, about.kept]
     return recording.markers(
         file,
         NAME,

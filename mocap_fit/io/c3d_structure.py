@@ -66,6 +66,21 @@ class _Plan:
             return None
         return int(value) + 65536 if -32768 <= value < 0 else int(value)
 
+    def trial_frames(self) -> int | None:
+        """Frames by the first and the last of the trial, which are two words each."""
+        ends = []
+        for name in ("ACTUAL_START_FIELD", "ACTUAL_END_FIELD"):
+            found = [
+                values
+                for (number, title), values in self.values.items()
+                if title == name and self.groups.get(number) == "TRIAL"
+            ]
+            if not found or len(found[0]) < 2:
+                return None
+            low, high = (int(word) & 0xFFFF for word in found[0][:2])
+            ends.append(low + 65536 * high)
+        return ends[1] - ends[0] + 1
+
 
 @dataclass(frozen=True)
 class Extent:
@@ -212,7 +227,11 @@ def _check_counts(plan: _Plan, data_start: int) -> Extent:
         _refuse(plan.path, "the header is not possible", found, f"at most {_MOST_SAMPLES}")
     frames = last - first + 1
     if last == LONG:
-        said = (plan.count("POINT", "LONG_FRAMES"), plan.count("POINT", "FRAMES"))
+        said = (
+            plan.count("POINT", "LONG_FRAMES"),
+            plan.count("POINT", "FRAMES"),
+            plan.trial_frames(),
+        )
         frames = max((count for count in said if count is not None), default=frames)
     if frames < 1:
         _refuse(plan.path, "the recording has no frames", f"first {first}, last {last}")
