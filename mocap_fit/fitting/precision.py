@@ -106,7 +106,7 @@ def parameter_deviations(
     positions: FloatArray | None = None,
     head_positions: FloatArray | None = None,
     head_weights: FloatArray | None = None,
-) -> FloatArray:
+) -> tuple[FloatArray, FloatArray]:
     """Standard deviations of the parameters of many frames, per unit of marker noise.
 
     The square roots of the diagonals that `parameter_covariance` gives for each frame.
@@ -127,8 +127,10 @@ def parameter_deviations(
 
     Returns
     -------
-    FloatArray
+    whole
         `(frames, parameters)`; infinite where the markers do not determine a parameter.
+    bare
+        The same, as if the head's pose were true.
     """
     frames, markers, _, count = jacobian.shape
     flat = jacobian.reshape(frames, 3 * markers, count)
@@ -141,6 +143,7 @@ def parameter_deviations(
     inverse = np.linalg.inv(information)
     # Of the gain A only A Aᵀ is needed, and what A makes of a rigid motion.
     variance = np.einsum("fpq,fpq->fp", inverse @ (across @ weighted), inverse)
+    bare = variance.copy()
     posed = np.zeros(frames, dtype=bool)
     if head_positions is not None and head_weights is not None and positions is not None:
         posed = (head_weights > 0).sum(axis=1) >= 3
@@ -165,7 +168,9 @@ def parameter_deviations(
             }
         covariance = parameter_covariance(jacobian[frame, seen], weights[frame, seen], **head)
         variance[frame] = np.diag(covariance)
-    return np.asarray(np.sqrt(variance))
+        alone_there = parameter_covariance(jacobian[frame, seen], weights[frame, seen])
+        bare[frame] = np.diag(alone_there)
+    return np.sqrt(variance), np.sqrt(bare)
 
 
 def _different(weights: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:

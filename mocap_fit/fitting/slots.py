@@ -17,6 +17,7 @@ array that a function is given.
 
 from __future__ import annotations
 
+import weakref
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -77,8 +78,17 @@ class Slots(NamedTuple):
         return int(self.plan[PARAMETERS])
 
 
+_packed: weakref.WeakKeyDictionary[Binding, Slots] = weakref.WeakKeyDictionary()
+
+
 def pack(binding: Binding) -> Slots:
-    """Pack a binding whose rig is compiled."""
+    """Pack a binding whose rig is compiled; once for all who ask. Not to be written to."""
+    if binding not in _packed:
+        _packed[binding] = _pack(binding)
+    return _packed[binding]
+
+
+def _pack(binding: Binding) -> Slots:
     compiled = binding.compiled
     if compiled is None:
         raise ValueError("the rig is not compiled")

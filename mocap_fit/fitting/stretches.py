@@ -328,7 +328,7 @@ def _quality(
     seen = np.isfinite(targets[usable, :, 0])
     weights = np.where(seen, binding.weights, 0.0)
     distances = np.linalg.norm(positions - targets[usable], axis=2)
-    deviations = parameter_deviations(
+    deviations, bare = parameter_deviations(
         jacobian,
         weights,
         positions=positions,
@@ -339,7 +339,6 @@ def _quality(
     if partly.size:
         _, everything = evaluator.markers(binding.reference_parameters)
         least = np.sqrt(np.diag(parameter_covariance(everything, binding.weights)))
-        bare = parameter_deviations(jacobian[partly], weights[partly])
-        uncertain = bare > _UNCERTAIN * least
+        uncertain = bare[partly] > _UNCERTAIN * least
         deviations[partly] = np.where(uncertain, np.inf, deviations[partly])
     return distances, deviations

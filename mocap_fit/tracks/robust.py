@@ -9,6 +9,7 @@ answer is plain least squares, which is the best there is for Gaussian noise.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -152,43 +153,64 @@ def _noise(source: FloatArray, target: FloatArray, weights: FloatArray) -> tuple
     ninth decile those whose errors come in stretches; it counts for up to twice the noise of the
     median, because two markers that exchange their names may be in it too.
     """
-    count = source.shape[0]
-    squares = np.min(
-        [_sums_of_squares(source, target, weights, _without(count, (k,))) for k in range(count)],
-        axis=0,
+    rotations, translations, residuals = rigid_transforms(source, target, weights)
+    usable = np.flatnonzero(~np.isnan(residuals))
+    if not usable.size:
+        return np.nan, 0.0
+    count, target = source.shape[0], target[usable]
+    gains = _Pattern(source, weights).gains(
+        _point_residuals(source, target, rotations[usable], translations[usable])
     )
+    worst = gains.argmax(axis=1)
+    squares = np.full(len(usable), np.inf)
+    for point in range(count):
+        frames = worst == point
+        if frames.any():
+            left = _without(count, (point,))
+            squares[frames] = _sums_of_squares(source, target[frames], weights, left)
     squares = squares[np.isfinite(squares)]
     if not squares.size:
         return np.nan, 0.0
-    pattern = _Pattern(source, weights)
-    draws = np.random.default_rng(0).standard_normal((_SAMPLE, 3 * count))
-    white = draws @ pattern.projection
-    unit = np.sum(white**2, axis=1) - pattern.gains(
-        white.reshape(_SAMPLE, count, 3) / pattern.root[:, None]
-    ).max(axis=1)
+    unit = _simulated(source.tobytes(), weights.tobytes())
     median, decile = (
-        max(float(np.quantile(squares, q) / np.quantile(unit, q)), LEAST_NOISE**2)
-        for q in (0.5, 0.9)
+        max(float(np.quantile(squares, q) / of_noise), LEAST_NOISE**2)
+        for q, of_noise in zip((0.5, 0.9), unit, strict=True)
     )
     return max(median, min(decile, 4 * median)), float(len(squares) * (3 * count - 9))
+
+
+@lru_cache(maxsize=64)
+def _simulated(source: bytes, weights: bytes) -> tuple[float, float]:
+    """Median and ninth decile of the sum of squares without the worst point, of unit noise."""
+    points, base = np.frombuffer(source).reshape(-1, 3), np.frombuffer(weights)
+    pattern = _Pattern(points, base)
+    draws = np.random.default_rng(0).standard_normal((_SAMPLE, 3 * len(points)))
+    white = draws @ pattern.projection
+    unit = np.sum(white**2, axis=1) - pattern.gains(
+        white.reshape(_SAMPLE, len(points), 3) / pattern.root[:, None]
+    ).max(axis=1)
+    median, decile = np.quantile(unit, (0.5, 0.9))
+    return float(median), float(decile)
 
 
 def _judge(
     source: FloatArray,
     target: FloatArray,
     weights: FloatArray,
+    poses: tuple[FloatArray, FloatArray, FloatArray],
     variance: float,
     noise_freedom: float,
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
     """Which points are bad, `(frames, points)`, where that is known, and obvious, `(frames,)`.
 
-    All frames show all the points given. The fewest points whose absence explains the frame are
-    left out, at most two; where two explanations are about as good, nothing is decided.
+    All frames show all the points given; ``poses`` are their rotations, translations and
+    residuals. The fewest points whose absence explains the frame are left out, at most two; where
+    two explanations are about as good, nothing is decided.
     """
     frames, count = target.shape[:2]
     bad = np.zeros((frames, count), dtype=bool)
     known = np.ones(frames, dtype=bool)
-    rotations, translations, residuals = rigid_transforms(source, target, weights)
+    rotations, translations, residuals = poses
     gains = _Pattern(source, weights).gains(
         _point_residuals(source, target, rotations, translations)
     )
@@ -367,7 +389,12 @@ def robust_rigid_transforms(
             for index, pattern in enumerate(patterns):
                 chosen, part = np.flatnonzero(pattern), frames[number == index]
                 found, sure, clear = _judge(
-                    points[chosen], goals[np.ix_(part, chosen)], base[chosen], variance, freedom
+                    points[chosen],
+                    goals[np.ix_(part, chosen)],
+                    base[chosen],
+                    (rotations[part], translations[part], residuals[part]),
+                    variance,
+                    freedom,
                 )
                 bad[np.ix_(part, chosen)] = found
                 known[part], obvious[part] = sure, clear
