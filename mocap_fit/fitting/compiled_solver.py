@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from mocap_fit.fitting import native
 from mocap_fit.fitting.binding import Binding
 from mocap_fit.fitting.newton import newton_room, solve_frames
-from mocap_fit.fitting.objective import OBJECTIVES, Objective
+from mocap_fit.fitting.objective import OBJECTIVES, Objective, reference_jacobian
 from mocap_fit.fitting.precision import undetermined
 from mocap_fit.fitting.slots import pack, pack_frames
 from mocap_fit.fitting.solving import (
@@ -64,7 +64,7 @@ class CompiledSolver:
         self._bounds = np.ascontiguousarray(binding.rig.bounds)
         self._predict = solver in (NEWTON, NEWTON_NLOPT)
         self._tolerance = _NEWTON_TOLERANCE
-        _, self._jacobian = binding.evaluate(binding.reference_parameters)
+        self._jacobian = reference_jacobian(binding)
         self._nlopt: native.NativeSolver | None = None
         if solver != NEWTON:
             certify = solver == NEWTON_NLOPT

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from typing import Any, Literal
 
 import numpy as np
@@ -13,6 +14,16 @@ from mocap_fit.tracks import FloatArray
 
 Objective = Literal["distances", "squares", "huber"]
 OBJECTIVES: tuple[Objective, ...] = ("distances", "squares", "huber")
+
+
+_jacobians: weakref.WeakKeyDictionary[Binding, FloatArray] = weakref.WeakKeyDictionary()
+
+
+def reference_jacobian(binding: Binding) -> FloatArray:
+    """Derivative of the virtual markers in the reference pose, `(markers, 3, parameters)`."""
+    if binding not in _jacobians:
+        _, _jacobians[binding] = binding.evaluate(binding.reference_parameters)
+    return _jacobians[binding]
 
 
 class Evaluator:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mocap_fit.errors import ConfigurationError, DataError, MocapFitWarning
 from mocap_fit.fitting.binding import Binding, check_recording
-from mocap_fit.fitting.objective import OBJECTIVES, Evaluator, Objective
+from mocap_fit.fitting.objective import OBJECTIVES, Evaluator, Objective, reference_jacobian
 from mocap_fit.fitting.orientation import moved_by_pose
 from mocap_fit.fitting.precision import parameter_covariance, parameter_deviations
 from mocap_fit.fitting.solving import (
@@ -337,7 +337,7 @@ def _quality(
     )
     partly = np.flatnonzero(~seen.all(axis=1))
     if partly.size:
-        _, everything = evaluator.markers(binding.reference_parameters)
+        everything = reference_jacobian(binding)
         least = np.sqrt(np.diag(parameter_covariance(everything, binding.weights)))
         uncertain = bare[partly] > _UNCERTAIN * least
         deviations[partly] = np.where(uncertain, np.inf, deviations[partly])

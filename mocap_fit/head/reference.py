@@ -6,6 +6,7 @@ A recording may come whole or in stretches; what is asked of all its frames is g
 from __future__ import annotations
 
 import warnings
+import weakref
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -236,9 +237,17 @@ def chosen_reference(
     return usable, np.array([pose[name] for name in usable])
 
 
+# All recordings of a speaker have one reference pose.
+_medians: weakref.WeakKeyDictionary[MarkerTracks, dict[str, FloatArray]] = (
+    weakref.WeakKeyDictionary()
+)
+
+
 def median_pose(reference: MarkerTracks) -> dict[str, FloatArray]:
     """Where each marker of the reference pose is, `(3,)`: the median over the frames."""
-    return dict(zip(reference.names, _median(reference.positions), strict=True))
+    if reference not in _medians:
+        _medians[reference] = dict(zip(reference.names, _median(reference.positions), strict=True))
+    return _medians[reference]
 
 
 def _median(positions: FloatArray) -> FloatArray:

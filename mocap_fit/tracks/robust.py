@@ -115,6 +115,11 @@ class _Pattern:
         return np.asarray(np.einsum("fki,kij,fkj->fk", white, self.inverse, white))
 
 
+@lru_cache(maxsize=256)
+def _pattern(source: bytes, weights: bytes) -> _Pattern:
+    return _Pattern(np.frombuffer(source).reshape(-1, 3), np.frombuffer(weights))
+
+
 def _limit(freedom: int, noise_freedom: float, tests: int) -> float:
     """Largest sum of squares, in units of the noise's variance, that chance explains."""
     from scipy.special import fdtri
@@ -158,7 +163,7 @@ def _noise(source: FloatArray, target: FloatArray, weights: FloatArray) -> tuple
     if not usable.size:
         return np.nan, 0.0
     count, target = source.shape[0], target[usable]
-    gains = _Pattern(source, weights).gains(
+    gains = _pattern(source.tobytes(), weights.tobytes()).gains(
         _point_residuals(source, target, rotations[usable], translations[usable])
     )
     worst = gains.argmax(axis=1)
@@ -182,12 +187,12 @@ def _noise(source: FloatArray, target: FloatArray, weights: FloatArray) -> tuple
 @lru_cache(maxsize=64)
 def _simulated(source: bytes, weights: bytes) -> tuple[float, float]:
     """Median and ninth decile of the sum of squares without the worst point, of unit noise."""
-    points, base = np.frombuffer(source).reshape(-1, 3), np.frombuffer(weights)
-    pattern = _Pattern(points, base)
-    draws = np.random.default_rng(0).standard_normal((_SAMPLE, 3 * len(points)))
+    pattern = _pattern(source, weights)
+    count = len(pattern.projection) // 3
+    draws = np.random.default_rng(0).standard_normal((_SAMPLE, 3 * count))
     white = draws @ pattern.projection
     unit = np.sum(white**2, axis=1) - pattern.gains(
-        white.reshape(_SAMPLE, len(points), 3) / pattern.root[:, None]
+        white.reshape(_SAMPLE, count, 3) / pattern.root[:, None]
     ).max(axis=1)
     median, decile = np.quantile(unit, (0.5, 0.9))
     return float(median), float(decile)
@@ -211,7 +216,7 @@ def _judge(
     bad = np.zeros((frames, count), dtype=bool)
     known = np.ones(frames, dtype=bool)
     rotations, translations, residuals = poses
-    gains = _Pattern(source, weights).gains(
+    gains = _pattern(source.tobytes(), weights.tobytes()).gains(
         _point_residuals(source, target, rotations, translations)
     )
     limit = variance * _limit(3, noise_freedom, count)
