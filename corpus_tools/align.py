@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from corpus_tools import console
+from corpus_tools.console import Status
 from mocap_fit.errors import ConfigurationError, FileFormatError, MocapFitError
 from mocap_fit.io import labels_of, write_labels
 from mocap_fit.io.label_text import label_text
@@ -42,7 +43,8 @@ def transcripts(wavs: Sequence[Path], text: Path | None) -> dict[Path, str]:
             found=", ".join(twice),
             advice="Rename one, or align them into two folders.",
         )
-    if text is not None and text.is_file():
+    # A pipe is no file, and has a text all the same.
+    if text is not None and text.exists() and not text.is_dir():
         content = label_text(text)
         if len(wavs) == 1 and "\t" not in content:
             return {wavs[0]: content}
@@ -163,3 +165,25 @@ def run(
                 )
             advance()
     return {"aligned": aligned, "failed": failed}
+
+
+def report(result: Mapping[str, Any], out: Path, *, as_json: bool = False) -> Status:
+    """Print what `run` gave, for people or as JSON.
+
+    Returns
+    -------
+    Status
+        `BAD_DATA` if any sound could not be aligned.
+    """
+    aligned, failed = result["aligned"], result["failed"]
+    if as_json:
+        console.print_json(result)
+    else:
+        seconds = sum(one["duration"] for one in aligned)
+        phones = sum(one["phones"] for one in aligned)
+        console.screen().print(
+            f"{len(aligned)} of {len(aligned) + len(failed)} sounds aligned: {phones} phones in "
+            f"{seconds:.1f} s. Labels are in {out}.",
+            soft_wrap=True,
+        )
+    return Status.BAD_DATA if failed else Status.DONE

@@ -26,7 +26,8 @@ import typer
 from typer.core import TyperGroup
 
 import mocap_fit
-from corpus_tools import console
+from corpus_tools import console, corpus_commands, model_commands, speak_commands
+from corpus_tools.arguments import AsJson, one_of
 
 
 class _Commands(TyperGroup):
@@ -45,8 +46,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -95,7 +94,7 @@ def demo(
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same numbers.")] = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Simulate recordings, fit them, compare with the truth, draw figures."""
+    """The whole path on recordings that it makes itself: fit, train, score, talk."""
     from corpus_tools import demo as command
 
     raise typer.Exit(command.run(out, seed=seed, as_json=as_json))
@@ -105,11 +104,39 @@ def demo(
 def info(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE", help="Recordings in any known format.", readable=False),
+        typer.Argument(
+            metavar="FILE",
+            help="Recordings, labels, sound, trained models, corpora.",
+            readable=False,
+        ),
     ],
+    tree: Annotated[
+        str | None,
+        typer.Option(metavar="PHONE/PARAMETER", help="Show a tree of a CART model."),
+    ] = None,
+    svg: Annotated[
+        Path | None, typer.Option(help="Draw the tree into this file (SVG).", readable=False)
+    ] = None,
+    explain: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="PHONES",
+            help="Labels, or phones of a corpus: what decided their targets in a CART model.",
+            readable=False,
+        ),
+    ] = None,
+    questions: Annotated[
+        bool, typer.Option("--questions", help="How much each question of a CART model matters.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Say what files hold: markers, rate, duration, gaps, events."""
+    """Say what recordings, labels, sound, models and corpora hold; look into trees."""
+    if tree is not None or svg is not None or explain is not None or questions:
+        if len(files) != 1:
+            raise typer.BadParameter("give one model", param_hint="FILE")
+        from corpus_tools import trees
+
+        raise typer.Exit(trees.run(files[0], tree=tree, svg=svg, explain=explain, as_json=as_json))
     from corpus_tools import info as command
 
     raise typer.Exit(command.run(files, as_json=as_json))
@@ -175,8 +202,8 @@ def fit(
     from mocap_fit.fitting.solving import SOLVERS
 
     options = command.Options(
-        _one_of(objective, OBJECTIVES, "--objective"),  # type: ignore[arg-type]
-        _one_of(solver, SOLVERS, "--solver"),
+        one_of(objective, OBJECTIVES, "--objective"),  # type: ignore[arg-type]
+        one_of(solver, SOLVERS, "--solver"),
         refine_pose,
         smooth,
     )
@@ -197,14 +224,74 @@ def fit(
 
 
 @app.command()
+def validate(
+    paths: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="PATH",
+            help="Corpora, folders, recordings, labels, sound; files of one name belong together.",
+            readable=False,
+        ),
+    ] = None,
+    thresholds: Annotated[
+        Path | None,
+        typer.Option(help="A TOML file that changes what counts as wrong.", readable=False),
+    ] = None,
+    html: Annotated[
+        Path | None, typer.Option(help="A page with the report and pictures.", readable=False)
+    ] = None,
+    layout: Annotated[
+        str | None, typer.Option(help="The marker layout: a shipped name, or a TOML file.")
+    ] = None,
+    phone_set: Annotated[
+        str | None, typer.Option(help="The phone set: a shipped name, or a TOML file.")
+    ] = None,
+    codes: Annotated[
+        bool, typer.Option("--codes", help="List all that can be found, and end.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Check recordings, labels, sound and corpora; name what is wrong, where, and what to do.
+
+    Exit status 1 if anything is an error; warnings and notes alone leave it at 0.
+    """
+    from corpus_tools import validate as command
+
+    if codes:
+        raise typer.Exit(command.codes(as_json=as_json))
+    if not paths:
+        raise typer.BadParameter("give a corpus, a folder or a file", param_hint="PATH")
+    raise typer.Exit(
+        command.run(
+            paths,
+            thresholds=thresholds,
+            layout=layout,
+            phone_set=phone_set,
+            page=html,
+            as_json=as_json,
+        )
+    )
+
+
+@app.command()
 def simulate(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="A new folder.", readable=False)],
-    utterances: Annotated[int, typer.Option(min=1, help="How many recordings.")] = 10,
+    utterances: Annotated[int, typer.Option(min=1, help="How many sentences.")] = 287,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same files.")] = 0,
+    lang: Annotated[
+        str | None, typer.Option(help="The language: sv (where not given), cs or en.")
+    ] = None,
+    durations: Annotated[
+        str | None,
+        typer.Option(help="Phone times and sound: model (where not given), or espeak (espeak-ng)."),
+    ] = None,
     layout: Annotated[
         str, typer.Option(help="The marker layout: a shipped name, or a TOML file.")
     ] = "face30-head5",
-    duration: Annotated[float, typer.Option(min=0.1, help="Length of a recording (s).")] = 4.0,
+    duration: Annotated[
+        float | None,
+        typer.Option(min=0.1, help="No sentences: free gestures in recordings of this length (s)."),
+    ] = None,
     rate: Annotated[float, typer.Option(min=1, help="Frames a second (Hz).")] = 60.0,
     noise: Annotated[float, typer.Option(min=0, help="Noise of a coordinate (mm).")] = 0.3,
     drop_outs: Annotated[
@@ -218,19 +305,37 @@ def simulate(
         bool,
         typer.Option("--other-speaker", help="A head of other size and proportions."),
     ] = False,
+    drift: Annotated[
+        float,
+        typer.Option(
+            min=-1000,
+            max=1000,
+            help="How much faster frames are than they say, on the sound's clock (millionths).",
+        ),
+    ] = 20.0,
 ) -> None:
-    """Make recordings with known truth, as a Qualisys system would export them."""
+    """Make a corpus with known truth: recordings, labels, sound, and a manifest to convert it."""
     import math
 
+    if duration is not None and (lang is not None or durations is not None):
+        raise typer.BadParameter(
+            "goes without --lang and --durations: free gestures say nothing",
+            param_hint="--duration",
+        )
     from corpus_tools import simulate as command
 
+    spoken = command.Spoken(
+        one_of(lang or "sv", command.languages(), "--lang"),
+        one_of(durations or "model", command.DURATIONS, "--durations"),  # type: ignore[arg-type]
+        drift,
+    )
     conditions = command.Conditions(
         noise=noise,
         drop_outs=drop_outs,
         head_translation=head_shift,
         head_rotation=math.radians(head_turn),
         rate=rate,
-        duration=duration,
+        **({} if duration is None else {"duration": duration}),
     )
     with console.progress("simulating recordings", utterances) as advance:
         status = command.run(
@@ -240,12 +345,17 @@ def simulate(
             layout=layout,
             conditions=conditions,
             head=command.OTHER_SPEAKER if other_speaker else None,
+            spoken=spoken if duration is None else None,
             progress=lambda _: advance(),
         )
     raise typer.Exit(status)
 
 
-def _one_of(value: str, known: Sequence[str], option: str) -> str:
-    if value not in known:
-        raise typer.BadParameter(f"'{value}' is not one of {', '.join(known)}", param_hint=option)
-    return value
+app.command()(corpus_commands.convert)
+app.command()(corpus_commands.align)
+app.command()(corpus_commands.select_sentences)
+app.command()(model_commands.train)
+app.command()(model_commands.evaluate)
+app.command()(speak_commands.speak)
+app.command()(speak_commands.stream)
+app.command()(speak_commands.export)

@@ -23,6 +23,7 @@ from mocap_fit.errors import ConfigurationError, MocapFitError, MocapFitWarning
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
 PROGRAM = "mocap-fit"
 DEBUG_VARIABLE = "MOCAP_FIT_DEBUG"
@@ -160,6 +161,16 @@ def make_folder(path: Path) -> None:
         ) from None
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text file in UTF-8, whole or not at all; one that exists is replaced."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        partial.write_text(text, encoding="utf-8", newline="\n")
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
 def say(text: str) -> None:
     """Print one line on stderr, after the program's name."""
     line = f"{PROGRAM}: {printable(text)}"
@@ -230,6 +241,27 @@ def screen() -> Console:
 
     # Names of files and markers are shown as they are, whatever brackets and colons they hold.
     return Screen(markup=False, emoji=False)
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    """A table for a terminal: the first column to the left, numbers to the right.
+
+    Parameters
+    ----------
+    header
+        Names of the columns.
+    rows
+        A text each cell.
+    """
+    from rich import box
+    from rich.table import Table
+
+    made = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    for i, name in enumerate(header):
+        made.add_column(name, justify="right" if i else "left", no_wrap=True)
+    for row in rows:
+        made.add_row(*row)
+    return made
 
 
 @contextlib.contextmanager

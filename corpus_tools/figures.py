@@ -1,14 +1,8 @@
-"""Figures of the demo: tracks, residuals, accuracy, faces, head motion.
-
-`save` draws one and writes it. Colours are Okabe and Ito's, which
-people with any colour vision can tell apart.
-"""
+"""Figures of a fit beside its truth: tracks, residuals, accuracy, faces, head motion."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,59 +10,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from corpus_tools.comparison import Accuracy, FittedRecording, pose_errors
+from mocap_fit.drawing import BLUE, GREEN, GREY, INK, ORANGE, PALE, RED, figure_title, new_figure
 from mocap_fit.fitting import Binding
 from mocap_fit.tracks import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-_BLUE, _ORANGE, _GREEN, _RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
-_INK, _GREY, _PALE = "#222222", "#8A8A8A", "#D9D9D9"
-_STYLE: Any = {
-    "font.size": 9,
-    "axes.titlesize": 9,
-    "axes.titlelocation": "left",
-    "axes.labelsize": 9,
-    "axes.edgecolor": _GREY,
-    "axes.linewidth": 0.8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "xtick.color": _INK,
-    "ytick.color": _INK,
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-    "grid.color": "#EBEBEB",
-    "grid.linewidth": 0.8,
-    "legend.frameon": False,
-    "legend.fontsize": 9,
-    "figure.titlesize": 11,
-}
-
-
-def save(path: Path, draw: Callable[..., Figure], *arguments: Any) -> None:
-    """Draw a figure and write it as PNG, whole or not at all; the same figure, the same bytes.
-
-    Parameters
-    ----------
-    path
-        The file.
-    draw
-        One of the functions below.
-    arguments
-        What it takes.
-    """
-    import matplotlib
-
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        with matplotlib.rc_context(_STYLE):
-            figure = draw(*arguments)
-            figure.savefig(partial, format="png", dpi=150, metadata={"Software": None})
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def track_figure(recording: FittedRecording, speaker: str = "") -> Figure:
@@ -85,7 +33,7 @@ def track_figure(recording: FittedRecording, speaker: str = "") -> Figure:
     times, count = truth.times, len(truth.names)
     columns = 2
     rows = -(-count // columns)
-    figure, axes = _figure(
+    figure, axes = new_figure(
         (10.5, 1.25 * rows + 1.5),
         rows + 1,
         columns,
@@ -98,17 +46,17 @@ def track_figure(recording: FittedRecording, speaker: str = "") -> Figure:
         # Where the markers do not determine the parameter, the band fills the panel.
         deviation = np.where(np.isinf(deviation), 10.0, deviation)
         value = fit.values[:, i]
-        axis.plot(times, truth.values[:, i], color=_INK, lw=2.6, alpha=0.35, label="truth")
+        axis.plot(times, truth.values[:, i], color=INK, lw=2.6, alpha=0.35, label="truth")
         axis.fill_between(
             times,
             value - deviation,
             value + deviation,
-            color=_ORANGE,
+            color=ORANGE,
             alpha=0.35,
             lw=0,
             label="±2 standard deviations",
         )
-        axis.plot(times, value, color=_BLUE, lw=1.1, label="fit")
+        axis.plot(times, value, color=BLUE, lw=1.1, label="fit")
         axis.set_title(name.replace("_", " "), pad=3)
         axis.set_ylim(-0.65, 1.25)
         axis.set_yticks([-0.5, 0, 0.5, 1])
@@ -116,7 +64,7 @@ def track_figure(recording: FittedRecording, speaker: str = "") -> Figure:
         _shade(axis, times, ~recording.motion.known)
     for axis in axes[rows]:
         gaps = recording.hidden.sum(axis=1)
-        axis.fill_between(times, gaps, step="mid", color=_GREY, lw=0)
+        axis.fill_between(times, gaps, step="mid", color=GREY, lw=0)
         axis.set_ylim(0, max(5, int(gaps.max())))
         axis.locator_params(axis="y", nbins=3, integer=True)
         axis.set_title(f"face markers hidden (of {recording.hidden.shape[1]})", pad=3)
@@ -127,10 +75,10 @@ def track_figure(recording: FittedRecording, speaker: str = "") -> Figure:
         spare.axis("off")
     figure.supylabel("parameter (0 rest, 1 full gesture)", fontsize=9)
     of_whom = f" of {speaker}" if speaker else ""
-    _title(figure, f"Face parameters of the recording {truth.name}{of_whom}: truth and fit")
+    figure_title(figure, f"Face parameters of the recording {truth.name}{of_whom}: truth and fit")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     if not recording.motion.known.all():
-        handles.append(_patch(_RED, 0.25))
+        handles.append(_patch(RED, 0.25))
         labels.append("head pose not known")
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
     return figure
@@ -141,14 +89,14 @@ def residual_figure(recording: FittedRecording) -> Figure:
     residuals = recording.fit.marker_residuals
     times = recording.truth.times
     markers = residuals.shape[1]
-    figure, axes = _figure(
+    figure, axes = new_figure(
         (10.5, 7.2), 2, 2, height_ratios=[1, 3.6], width_ratios=[3.4, 1], sharex="col"
     )
     over_time, corner, heat, by_marker = axes.ravel()
     corner.axis("off")
     rms = recording.fit.parameters.residuals
-    over_time.plot(times, rms, color=_BLUE, lw=1.2)
-    over_time.axhline(float(np.nanmedian(rms)), color=_GREY, lw=1, ls="--")
+    over_time.plot(times, rms, color=BLUE, lw=1.2)
+    over_time.axhline(float(np.nanmedian(rms)), color=GREY, lw=1, ls="--")
     over_time.set_ylim(0, 1.25 * float(np.nanmax(rms)))
     over_time.set_ylabel("RMS (mm)")
     over_time.set_title(f"each frame (dashed: the median, {np.nanmedian(rms):.2f} mm)", pad=3)
@@ -176,14 +124,14 @@ def residual_figure(recording: FittedRecording) -> Figure:
     bar.outline.set_visible(False)
 
     root = np.sqrt(np.nanmean(residuals**2, axis=0))
-    by_marker.barh(range(markers), root, color=_BLUE, height=0.7)
+    by_marker.barh(range(markers), root, color=BLUE, height=0.7)
     by_marker.set_ylim(markers - 0.5, -0.5)
     by_marker.set_yticks([])
     by_marker.spines["left"].set_visible(False)
     by_marker.set_title("each marker", pad=3)
     by_marker.set_xlabel("RMS (mm)")
     by_marker.grid(axis="x")
-    _title(figure, f"Residuals of the recording {recording.truth.name}")
+    figure_title(figure, f"Residuals of the recording {recording.truth.name}")
     return figure
 
 
@@ -191,10 +139,10 @@ def accuracy_figure(by_objective: dict[str, Accuracy], noise: float) -> Figure:
     """Error of each parameter beside its Cramér-Rao bound, for fits with several objectives."""
     first = next(iter(by_objective.values()))
     rows = np.arange(len(first.names))
-    figure, axes = _figure((8.0, 4.6), 1, 1)
+    figure, axes = new_figure((8.0, 4.6), 1, 1)
     axis: Axes = axes[0, 0]
-    axis.barh(rows, 100 * first.bounds, color=_PALE, height=0.72, label="Cramér-Rao bound")
-    looks = (("o", _BLUE), ("D", _RED), ("s", _GREEN))
+    axis.barh(rows, 100 * first.bounds, color=PALE, height=0.72, label="Cramér-Rao bound")
+    looks = (("o", BLUE), ("D", RED), ("s", GREEN))
     shifts = np.linspace(-0.14, 0.14, len(by_objective)) if len(by_objective) > 1 else [0.0]
     for (objective, result), (mark, colour), shift in zip(
         by_objective.items(), looks, shifts, strict=False
@@ -217,14 +165,14 @@ def accuracy_figure(by_objective: dict[str, Accuracy], noise: float) -> Figure:
     axis.set_xlim(left=0)
     axis.grid(axis="x")
     figure.legend(loc="outside lower center", ncols=1 + len(by_objective))
-    _title(figure, f"Error of the parameters and its bound: markers with {noise:g} mm of noise")
+    figure_title(figure, f"Error of the parameters and its bound: {noise:g} mm of marker noise")
     return figure
 
 
 def head_figure(recording: FittedRecording) -> Figure:
     """The head's motion that was found, the true one, and the difference."""
     motion, truth, times = recording.motion, recording.true_pose, recording.truth.times
-    figure, axes = _figure(
+    figure, axes = new_figure(
         (10.5, 5.4), 2, 2, height_ratios=[2.4, 1], sharex=True, gridspec_kw={"wspace": 0.12}
     )
     centre = motion.centre
@@ -244,16 +192,16 @@ def head_figure(recording: FittedRecording) -> Figure:
     units = ("mm", "degrees")
     for column, (found, true) in enumerate((shifts, turns)):
         axis, below = axes[:, column]
-        for i, colour in enumerate((_BLUE, _RED, _GREEN)):
+        for i, colour in enumerate((BLUE, RED, GREEN)):
             axis.plot(times, true[:, i], color=colour, lw=5, alpha=0.25, solid_capstyle="butt")
             axis.plot(times, found[:, i], color=colour, lw=1.2, label=names[column][i])
-        axis.axhline(0, color=_GREY, lw=0.8)
+        axis.axhline(0, color=GREY, lw=0.8)
         axis.grid(axis="y")
         axis.set_ylabel(f"{('shift', 'turn')[column]} ({units[column]})")
         axis.margins(y=0.12)
         axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, handlelength=1.2)
         error = np.degrees(errors[1]) if column else errors[0]
-        below.plot(times, error, color=_INK, lw=1)
+        below.plot(times, error, color=INK, lw=1)
         below.set_ylim(0, 1.2 * float(np.nanmax(error)))
         below.set_ylabel(f"error ({units[column]})")
         below.set_xlabel("time (s)")
@@ -261,7 +209,7 @@ def head_figure(recording: FittedRecording) -> Figure:
         below.grid(axis="y")
         _shade(axis, times, ~motion.known)
         _shade(below, times, ~motion.known)
-    _title(
+    figure_title(
         figure,
         f"Head motion of the recording {recording.truth.name} (thin: found, broad: truth), at the "
         "centre of the reference markers",
@@ -286,7 +234,7 @@ def face_figure(recording: FittedRecording, binding: Binding, frames: Sequence[i
     mesh = binding.rig.mesh
     corners = binding.vertex_ids[binding.corners[:, 0]]
     size = (420, 500)
-    figure, axes = _figure(
+    figure, axes = new_figure(
         (2.1 * len(frames), 5.6),
         2,
         len(frames),
@@ -307,21 +255,21 @@ def face_figure(recording: FittedRecording, binding: Binding, frames: Sequence[i
                 virtual = np.where(seen[:, None], virtual, np.nan)
                 axis: Axes = axes[row, column]
                 axis.imshow(scene.image(vertices))
-                axis.plot(*scene.project(measured).T, "o", color=_BLUE, ms=2.6, mew=0)
-                axis.plot(*scene.project(virtual).T, "o", mfc="none", mec=_ORANGE, ms=5, mew=1)
+                axis.plot(*scene.project(measured).T, "o", color=BLUE, ms=2.6, mew=0)
+                axis.plot(*scene.project(virtual).T, "o", mfc="none", mec=ORANGE, ms=5, mew=1)
                 axis.set_xlim(0, size[0])
                 axis.set_ylim(size[1], 0)
                 axis.axis("off")
                 if row == 0:
                     axis.set_title(f"{recording.truth.times[frame]:.2f} s", loc="center", pad=3)
     handles = [
-        Line2D([], [], marker="o", color=_BLUE, ls="none", ms=5, mew=0, label="measured marker"),
+        Line2D([], [], marker="o", color=BLUE, ls="none", ms=5, mew=0, label="measured marker"),
         Line2D(
             [],
             [],
             marker="o",
             mfc="none",
-            mec=_ORANGE,
+            mec=ORANGE,
             ls="none",
             ms=7,
             mew=1.4,
@@ -329,7 +277,7 @@ def face_figure(recording: FittedRecording, binding: Binding, frames: Sequence[i
         ),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
-    _title(figure, f"The face fitted to the recording {recording.truth.name}")
+    figure_title(figure, f"The face fitted to the recording {recording.truth.name}")
     return figure
 
 
@@ -361,26 +309,11 @@ def varied_frames(
     return sorted(chosen)
 
 
-def _figure(
-    size: tuple[float, float], rows: int, columns: int, **options: Any
-) -> tuple[Figure, Any]:
-    """Make a figure and its panels, `(rows, columns)`."""
-    from matplotlib.figure import Figure
-
-    # Not through pyplot: no window, no figure that outlives its use.
-    figure = Figure(figsize=size, layout="constrained")
-    return figure, figure.subplots(rows, columns, squeeze=False, **options)
-
-
-def _title(figure: Figure, text: str) -> None:
-    figure.suptitle(text, x=0.01, ha="left", fontweight="bold")
-
-
 def _shade(axis: Axes, times: FloatArray, where: NDArray[np.bool_]) -> None:
     """Mark frames over the whole height of a panel."""
     half = 0.5 * (times[1] - times[0])
     for time in times[where]:
-        axis.axvspan(time - half, time + half, color=_RED, alpha=0.25, lw=0)
+        axis.axvspan(time - half, time + half, color=RED, alpha=0.25, lw=0)
 
 
 def _patch(colour: str, alpha: float) -> Any:
@@ -392,4 +325,4 @@ def _patch(colour: str, alpha: float) -> Any:
 def _colour_map() -> Any:
     import matplotlib
 
-    return matplotlib.colormaps["viridis"].with_extremes(bad=_PALE)
+    return matplotlib.colormaps["viridis"].with_extremes(bad=PALE)

@@ -11,7 +11,17 @@ from corpus_tools.console import Status
 from mocap_fit.errors import MocapFitError
 
 # Units of what a file's description holds; a share is shown in per cent.
-_UNITS = {"rate": "Hz", "duration": "s", "start_time": "s", "time": "s"}
+_UNITS = {
+    "rate": "Hz",
+    "duration": "s",
+    "start_time": "s",
+    "start": "s",
+    "end": "s",
+    "time": "s",
+    "look_ahead": "s",
+    "loudest_db": "dB",
+    "quietest_db": "dB",
+}
 _SHARES = {"gap_rate"}
 
 
@@ -23,7 +33,7 @@ def run(files: Sequence[str | os.PathLike[str]], *, as_json: bool = False) -> St
     Parameters
     ----------
     files
-        Recordings, or whatever else a reader knows.
+        Recordings, labels, sound, trained models, folders of corpora.
     as_json
         Print one JSON list, an object a file, in the order given; an object of a bad file has
         `file` and `error`.
@@ -33,13 +43,13 @@ def run(files: Sequence[str | os.PathLike[str]], *, as_json: bool = False) -> St
     Status
         `BAD_DATA` if any file could not be read.
     """
-    from mocap_fit.io import describe
+    from corpus_tools.contents import contents
 
     status = Status.DONE
     described: list[Mapping[str, Any]] = []
     for file in files:
         try:
-            content: Mapping[str, Any] = describe(file)
+            content: Mapping[str, Any] = contents(file)
         except (MocapFitError, OSError) as error:
             console.report(error)
             status = Status.BAD_DATA

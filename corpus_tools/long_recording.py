@@ -23,7 +23,7 @@ from mocap_fit.fitting.stretches import CHUNK
 from mocap_fit.head import HeadInStretches
 from mocap_fit.io import read_stretches, reads_in_stretches
 from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks, TracksWriter
-from mocap_fit.tracks.writing import ROW_GROUP
+from mocap_fit.tracks.parquet_file import ROW_GROUP
 
 STEP = "fit_recording"
 """The last step in the provenance of a result: what it was made from, and what came of it."""

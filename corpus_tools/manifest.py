@@ -15,17 +15,23 @@ convention: ``recordings/ labels/ sound/ reference.* sentences.tsv``. ::
     [recordings]
     pattern = "recordings/{id}.*"   # one file must match
     [labels]
-    pattern = "labels/{id}.*"
+    pattern = "labels/{id}.*"    # without {id}: one file has all (HTK's .mlf)
     phones = "phones"            # names of the tiers; found by content where not given
     words = "words"
     table = { "ax" = "AH" }      # labels that the phone set lacks → what to read them as
     [sound]
     pattern = "sound/{id}.wav"   # a corpus without sound has no such file for any utterance
     required = false             # true: an utterance without sound is an error
+    [sync]
+    kind = "none"                # "pulses": one a frame, on a channel of the sound; "estimate": by
+                                 # opening lips and energy; "none": start_time or the file's own
+    channel = 2                  # of the pulses, from 1; it is not copied to the corpus
+    spare = [0, 0]               # pulses before the first frame's and after the last's
+    largest_offset = 0.5         # s from start_time, how far an estimate is looked for
     [sentences]
     file = "sentences.tsv"       # tab-separated: utterance, and if known split text speaker session
     [splits]
-    test_fraction = 0.303        # used where the table has no split: 87 of 287
+    test_fraction = 0.303        # where the table has no split it is drawn: 87 of 287
     seed = 0
     [fit]
     objective = "distances"
@@ -43,26 +49,31 @@ convention: ``recordings/ labels/ sound/ reference.* sentences.tsv``. ::
     reference = "reference_2.tsv"
     start_time = 0.1
 
-Not there yet: pulses on a channel of the sound, and an estimated offset.
+With pulses, `start_time` is where the first frame is about: it decides where the first or the last
+pulse is missing, and may be left out. Splits that are drawn stay when utterances are added to a
+corpus (`entries`).
 """
 
 from __future__ import annotations
 
 import csv
-import hashlib
 import io
 import re
 import tomllib
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator as After
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from mocap_fit.corpus import drawn
 from mocap_fit.errors import ConfigurationError, first_fault
 from mocap_fit.fitting.objective import OBJECTIVES, Objective
 from mocap_fit.fitting.solving import SOLVERS
+from mocap_fit.sound import SyncKind
+from mocap_fit.sound.estimate import LARGEST_OFFSET
 
 _COLUMNS = ("utterance", "split", "text", "speaker", "session")
 _NAME = re.compile(r"[^\s./\\*?\[\]][^/\\*?\[\]]*")
@@ -78,6 +89,12 @@ def _inside(path: str) -> str:
 def _with_id(pattern: str) -> str:
     if pattern.count("{id}") != 1:
         raise ValueError("the pattern must hold {id} once")
+    return pattern
+
+
+def _with_id_at_most(pattern: str) -> str:
+    if pattern.count("{id}") > 1:
+        raise ValueError("the pattern may hold {id} once, or not at all for a file of all labels")
     return pattern
 
 
@@ -105,7 +122,7 @@ class Recordings(_Strict):
 class LabelFiles(_Strict):
     """Where the labels are, and how they are read."""
 
-    pattern: _Pattern = "labels/{id}.*"
+    pattern: Annotated[str, After(_inside), After(_with_id_at_most)] = "labels/{id}.*"
     phones: str | None = None
     words: str | None = None
     table: dict[str, str] = {}
@@ -122,6 +139,15 @@ class Sound(_Strict):
         if not self.pattern.endswith(".wav"):
             raise ValueError("the sound must be in .wav files")
         return self
+
+
+class Sync(_Strict):
+    """How recordings are brought to the clock of their sound."""
+
+    kind: SyncKind = "none"
+    channel: int = Field(default=2, ge=1)
+    spare: tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]] = (0, 0)
+    largest_offset: float = Field(default=LARGEST_OFFSET, gt=0)
 
 
 class Sentences(_Strict):
@@ -182,6 +208,7 @@ class Manifest(_Strict):
     recordings: Recordings = Recordings()
     labels: LabelFiles = LabelFiles()
     sound: Sound = Sound()
+    sync: Sync = Sync()
     sentences: Sentences = Sentences()
     splits: Splits = Splits()
     fit: Fit = Fit()
@@ -268,8 +295,27 @@ def one_file(root: Path, pattern: str) -> Path | None:
     return found[0] if found else None
 
 
-def entries(manifest: Manifest, root: Path) -> tuple[Entry, ...]:
+def recorded(manifest: Manifest, root: Path) -> tuple[str, ...]:
+    """Names of the recordings that are there, in order; one that matches twice is there twice."""
+    before, after = manifest.recordings.pattern.split("{id}")
+    form = re.compile(re.escape(before) + "([^/]+?)" + re.escape(after).replace(r"\*", "[^/]*"))
+    files = (p.relative_to(root).as_posix() for p in root.glob(f"{before}*{after}"))
+    matches = (form.fullmatch(file) for file in sorted(files))
+    return tuple(match[1] for match in matches if match)
+
+
+def entries(
+    manifest: Manifest, root: Path, former: Mapping[str, str] | None = None
+) -> tuple[Entry, ...]:
     """The utterances, by id: those of the table or, without one, a recording each.
+
+    Parameters
+    ----------
+    manifest, root
+        What there is, and where.
+    former
+        Splits that were drawn before, by id. They stay; what is new is drawn so that the test has
+        its part of all.
 
     Raises
     ------
@@ -280,11 +326,7 @@ def entries(manifest: Manifest, root: Path) -> tuple[Entry, ...]:
     if table.is_file():
         rows = _rows(table)
     else:
-        before, after = manifest.recordings.pattern.split("{id}")
-        form = re.compile(re.escape(before) + "([^/]+?)" + re.escape(after).replace(r"\*", "[^/]*"))
-        files = (p.relative_to(root).as_posix() for p in root.glob(f"{before}*{after}"))
-        matches = (form.fullmatch(file) for file in sorted(files))
-        rows = [(0, {"utterance": match[1]}) for match in matches if match]
+        rows = [(0, {"utterance": name}) for name in recorded(manifest, root)]
     if not rows:
         raise ConfigurationError(
             "there are no utterances", path=root, expected=manifest.recordings.pattern
@@ -296,7 +338,23 @@ def entries(manifest: Manifest, root: Path) -> tuple[Entry, ...]:
         if entry.id in made:
             raise ConfigurationError(f"the utterance '{entry.id}' is there twice", **where)
         made[entry.id] = entry
-    return tuple(made[name] for name in sorted(made))
+    return _with_splits([made[name] for name in sorted(made)], manifest.splits, former or {})
+
+
+def _with_splits(
+    found: Sequence[Entry], splits: Splits, former: Mapping[str, str]
+) -> tuple[Entry, ...]:
+    """Give a split to those that have none, by numbers that depend on their names alone."""
+    names = [entry.id for entry in found if not entry.split]
+    new = sorted((n for n in names if n not in former), key=lambda name: drawn(name, splits.seed))
+    there = sum(former.get(name) == "test" for name in names)
+    test = set(new[: max(0, round(splits.test_fraction * len(names)) - there)])
+    return tuple(
+        entry
+        if entry.split
+        else replace(entry, split=former.get(entry.id) or ("test" if entry.id in test else "train"))
+        for entry in found
+    )
 
 
 def _rows(table: Path) -> list[tuple[int, dict[str, str]]]:
@@ -351,15 +409,8 @@ def _entry(manifest: Manifest, row: dict[str, str], where: dict[str, Any]) -> En
         name,
         speaker,
         session,
-        row.get("split") or _drawn(name, manifest.splits),
+        row.get("split", ""),
         row.get("text", ""),
         (own.reference if own is not None else None) or speakers[speaker].reference,
         manifest.start_time if start is None else start,
     )
-
-
-def _drawn(name: str, splits: Splits) -> str:
-    """By the name alone, so that it stays when utterances are added."""
-    digest = hashlib.sha256(f"{splits.seed}\0{name}".encode()).digest()
-    part = int.from_bytes(digest[:8], "big") / 2**64
-    return "test" if part < splits.test_fraction else "train"

@@ -92,8 +92,8 @@ def run(
     MocapFitError
         If a file cannot be read, or no sentence is left.
     """
-    from corpus_tools import figures
     from corpus_tools.triphones import select, triphone_table
+    from mocap_fit.drawing import save_figure
 
     if count < 1 or not 1 <= words[0] <= words[1]:
         raise ConfigurationError(
@@ -118,13 +118,15 @@ def run(
     with console.progress("selecting sentences", min(count, table.sentences)) as advance:
         chosen = select(table, count, advance)
     console.make_folder(out)
-    _write(out / "sentences.txt", "".join(f"{found.texts[i]}\n" for i in chosen.sentences))
+    console.write_text(
+        out / "sentences.txt", "".join(f"{found.texts[i]}\n" for i in chosen.sentences)
+    )
     rows = _coverage(found, table, chosen)
-    _write(out / "coverage.csv", _csv(rows))
+    console.write_text(out / "coverage.csv", _csv(rows))
     missing = [{"word": w, "count": n} for w, n in _most_first(found.missing)]
     if dictionary is not None:
-        _write(out / "missing_words.csv", _csv(missing, ("word", "count")))
-    figures.save(out / "coverage.png", _figure, rows, table.kinds)
+        console.write_text(out / "missing_words.csv", _csv(missing, ("word", "count")))
+    save_figure(out / "coverage.png", _figure, rows, table.kinds)
     _report(found, table, rows, missing, out, as_json)
     return Status.DONE
 
@@ -303,15 +305,6 @@ def _csv(rows: list[dict[str, Any]], names: tuple[str, ...] = ()) -> str:
     writer.writeheader()
     writer.writerows(rows)
     return stream.getvalue()
-
-
-def _write(path: Path, content: str) -> None:
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        partial.write_text(content, encoding="utf-8", newline="\n")
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _figure(rows: list[dict[str, Any]], kinds: int) -> Figure:

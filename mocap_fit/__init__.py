@@ -18,15 +18,19 @@ __version__ = "0.1.0.dev0"
 _HOMES: dict[str, str] = {
     "read_tracks": "mocap_fit.io",
     "read_phones": "mocap_fit.io",
+    "open_corpus": "mocap_fit.corpus",
     "remove_head_motion": "mocap_fit.head",
     "load_face": "mocap_fit.face",
     "load_layout": "mocap_fit.fitting",
     "bind_markers": "mocap_fit.fitting",
     "fit_orientation": "mocap_fit.fitting",
     "fit_shape": "mocap_fit.fitting",
+    "synthesise": "mocap_fit.synthesis",
+    "render_movie": "mocap_fit.render",
 }
 
 if TYPE_CHECKING:
+    from mocap_fit.corpus import open_corpus as open_corpus
     from mocap_fit.face import load_face as load_face
     from mocap_fit.fitting import bind_markers as bind_markers
     from mocap_fit.fitting import fit_orientation as fit_orientation
@@ -35,6 +39,8 @@ if TYPE_CHECKING:
     from mocap_fit.head import remove_head_motion as remove_head_motion
     from mocap_fit.io import read_phones as read_phones
     from mocap_fit.io import read_tracks as read_tracks
+    from mocap_fit.render import render_movie as render_movie
+    from mocap_fit.synthesis import synthesise as synthesise
 
 __all__ = ["__version__", *_HOMES]
 

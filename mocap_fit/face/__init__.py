@@ -1,5 +1,6 @@
 """The face: meshes, rigs, and the built-in head."""
 
+from mocap_fit.face.lips import lip_gap
 from mocap_fit.face.load import load_face
 from mocap_fit.face.mesh import Material, Mesh, Part
 from mocap_fit.face.rig import RIGS, CompiledRig, Rig, parameters_from
@@ -11,6 +12,7 @@ __all__ = [
     "Mesh",
     "Part",
     "Rig",
+    "lip_gap",
     "load_face",
     "parameters_from",
 ]

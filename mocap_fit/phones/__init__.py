@@ -10,6 +10,8 @@ from mocap_fit.phones.phone_set import (
     StressMarks,
 )
 from mocap_fit.phones.set_file import load_phone_set, phone_set_names
+from mocap_fit.phones.set_table import phone_set_from_table, phone_set_table
+from mocap_fit.phones.storage import read_stored_phones, write_phones
 from mocap_fit.phones.types import PhoneSegment, PhoneSequence
 
 __all__ = [
@@ -26,5 +28,9 @@ __all__ = [
     "load_phone_set",
     "map_phones",
     "normalise_phones",
+    "phone_set_from_table",
     "phone_set_names",
+    "phone_set_table",
+    "read_stored_phones",
+    "write_phones",
 ]

@@ -1,5 +1,9 @@
-"""Pictures of a face."""
+"""Pictures and movies of a face, and its movement for other programs."""
 
+from mocap_fit.render.fap import write_fap as write_fap
+from mocap_fit.render.gltf import write_gltf as write_gltf
+from mocap_fit.render.movie import Movie as Movie
+from mocap_fit.render.movie import render_movie as render_movie
 from mocap_fit.render.pictures import picture_sheet as picture_sheet
 from mocap_fit.render.pictures import save_picture as save_picture
 from mocap_fit.render.scene import FaceScene as FaceScene

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from mocap_fit.errors import DataError, FileFormatError
+from mocap_fit.tracks.parquet_file import damaged, kind_of, look_through, read_table
 from mocap_fit.tracks.types import (
     Event,
     MarkerTracks,
@@ -38,14 +39,12 @@ if TYPE_CHECKING:
 
 Tracks = MarkerTracks | PoseTracks | ParameterTracks
 Kind = Literal["markers", "poses", "parameters"]
+_KINDS = ("markers", "poses", "parameters")
 Columns = dict[str, np.ndarray[Any, Any]]
 
-FORMAT_VERSION = 1
-KEY = "mocap_fit"
+_KEY = "mocap_fit"
 _AXES = ("x", "y", "z")
 _MATRIX = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
-_NOT_WHOLE = "this is not a whole Parquet file"
-_WRITE_AGAIN = "It may be cut short, or of another format: write it again."
 _ADVICE = "Read a table of another program with pandas and give it to from_frame."
 
 
@@ -107,7 +106,6 @@ def _plain(value: object) -> object:
 def metadata_of(tracks: Tracks) -> dict[str, Any]:
     """What a table cannot hold, as values that JSON can."""
     described = {
-        "format_version": FORMAT_VERSION,
         "kind": _kind(tracks),
         "name": tracks.name,
         "names": list(tracks.names),
@@ -202,7 +200,7 @@ def to_frame(tracks: Tracks) -> pd.DataFrame:
 
     frame = pd.DataFrame({"utterance": tracks.name, **columns_of(tracks)})
     frame["utterance"] = frame["utterance"].astype(str)
-    frame.attrs[KEY] = metadata_of(tracks)
+    frame.attrs[_KEY] = metadata_of(tracks)
     return frame
 
 
@@ -231,7 +229,7 @@ def from_frame(
     DataError
         If columns are missing, hold text, or times are not evenly spaced.
     """
-    noted = frame.attrs.get(KEY)
+    noted = frame.attrs.get(_KEY)
     if noted is not None and kind in (None, noted["kind"]):
         metadata = dict(noted)
         # A part of the rows, or other times, are taken for what they are.
@@ -325,14 +323,7 @@ def _guessed(frame: pd.DataFrame, kind: Kind | None, rate: float | None) -> dict
 
 def is_tracks_file(path: str | os.PathLike[str]) -> bool:
     """Whether a file is Parquet that `write_parquet` wrote."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        metadata = pq.read_schema(path).metadata
-    except (OSError, pa.ArrowException):
-        return False
-    return KEY.encode() in (metadata or {})
+    return kind_of(path) in _KINDS
 
 
 def read_parquet(path: str | os.PathLike[str]) -> Tracks:
@@ -354,24 +345,7 @@ def read_parquet(path: str | os.PathLike[str]) -> Tracks:
         If the file cannot be opened, is not Parquet, is cut short, was not written by
         mocap-fit, or by a later format than this one knows.
     """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        with open(path, "rb") as stream:
-            table = pq.read_table(
-                stream,
-                page_checksum_verification=True,
-                # Damaged files have ended the process from within a thread.
-                use_threads=False,
-            )
-    except pa.ArrowException as error:
-        raise FileFormatError(_NOT_WHOLE, path=path, found=error, advice=_WRITE_AGAIN) from None
-    except OSError as error:
-        # Pyarrow says damaged content as OSError too, but without the number of a system error.
-        problem = "the file cannot be read" if error.errno else _NOT_WHOLE
-        raise FileFormatError(problem, path=path, found=error.strerror or error) from None
-    metadata = _description(table.schema, path)
+    table, metadata = read_table(path, _KINDS, "tracks", _ADVICE)
     try:
         wanted = _column_names(metadata["kind"], tuple(metadata["names"]))
         columns = {
@@ -379,11 +353,7 @@ def read_parquet(path: str | os.PathLike[str]) -> Tracks:
         }
         return _assemble(columns, metadata, table.num_rows)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise FileFormatError(
-            "the description in this Parquet file is damaged",
-            path=path,
-            found=f"{type(error).__name__}: {error}",
-        ) from None
+        raise damaged(path, error) from None
     except DataError as error:
         raise FileFormatError(
             f"the tracks in this file cannot be used: {error.problem}",
@@ -392,34 +362,6 @@ def read_parquet(path: str | os.PathLike[str]) -> Tracks:
             found=error.found,
             expected=error.expected,
         ) from None
-
-
-def _description(schema: Any, path: str | os.PathLike[str]) -> dict[str, Any]:
-    """What a file's schema says beside its columns."""
-    text = (schema.metadata or {}).get(KEY.encode())
-    if text is None:
-        raise FileFormatError(
-            "this Parquet file does not hold tracks of mocap-fit",
-            path=path,
-            found=f"columns {', '.join(schema.names)}",
-            advice=_ADVICE,
-        )
-    try:
-        metadata = json.loads(text)
-        version = metadata["format_version"]
-    except (ValueError, TypeError, KeyError) as error:
-        raise FileFormatError(
-            "the description in this Parquet file is damaged", path=path, found=error
-        ) from None
-    if not isinstance(version, int) or version > FORMAT_VERSION:
-        raise FileFormatError(
-            "this file is of a later format than this version of mocap-fit reads",
-            path=path,
-            found=f"format_version {version}",
-            expected=f"at most {FORMAT_VERSION}",
-            advice="Update mocap-fit.",
-        )
-    return dict(metadata)
 
 
 def read_provenance(path: str | os.PathLike[str]) -> Provenance:
@@ -437,24 +379,8 @@ def read_provenance(path: str | os.PathLike[str]) -> Provenance:
     FileFormatError
         As `read_parquet`.
     """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
+    description = look_through(path, _KINDS, "tracks", _ADVICE)
     try:
-        with open(path, "rb") as stream:
-            file = pq.ParquetFile(stream, page_checksum_verification=True)
-            metadata = _description(file.schema_arrow, path)
-            for group in range(file.num_row_groups):
-                file.read_row_group(group, use_threads=False)
-        return tuple(Step.from_dict(step) for step in metadata["provenance"])
-    except pa.ArrowException as error:
-        raise FileFormatError(_NOT_WHOLE, path=path, found=error, advice=_WRITE_AGAIN) from None
-    except OSError as error:
-        problem = "the file cannot be read" if error.errno else _NOT_WHOLE
-        raise FileFormatError(problem, path=path, found=error.strerror or error) from None
+        return tuple(Step.from_dict(step) for step in description["provenance"])
     except (KeyError, TypeError, AttributeError) as error:
-        raise FileFormatError(
-            "the description in this Parquet file is damaged",
-            path=path,
-            found=f"{type(error).__name__}: {error}",
-        ) from None
+        raise damaged(path, error) from None

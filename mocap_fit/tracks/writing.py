@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
-from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mocap_fit.errors import DataError, FileFormatError
-from mocap_fit.tracks.storage import KEY, Tracks, columns_of, metadata_of
-
-ROW_GROUP = 16384
-"""Rows of a group: readers, and writers of long tracks, hold one at a time."""
+from mocap_fit.errors import DataError
+from mocap_fit.tracks.parquet_file import TableWriter
+from mocap_fit.tracks.storage import Tracks, columns_of, metadata_of
 
 
 class TracksWriter:
@@ -36,9 +32,7 @@ class TracksWriter:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self._target = Path(path)
-        self._partial = self._target.with_name(f".{self._target.name}.{os.getpid()}.partial")
-        self._writer: Any = None
+        self._writer = TableWriter(path)
         self._first: Tracks | None = None
         self._frames = 0
 
@@ -46,7 +40,7 @@ class TracksWriter:
         return self
 
     def write(self, tracks: Tracks, extra_columns: Mapping[str, ArrayLike] | None = None) -> None:
-        """Add a stretch: `ROW_GROUP` frames, or any number in the last.
+        """Add a stretch: `parquet_file.ROW_GROUP` frames, or any number in the last.
 
         Rate, start time, events and provenance are those of the first.
 
@@ -76,24 +70,9 @@ class TracksWriter:
         columns["time"] = first.start_time + numbers / first.rate
         arrays = {"utterance": pa.array([tracks.name] * tracks.frames, type=pa.string())}
         arrays.update({name: pa.array(np.ascontiguousarray(a)) for name, a in columns.items()})
-        table = pa.table(arrays)
-        try:
-            if self._writer is None:
-                self._open(table, tracks)
-            self._writer.write_table(table.cast(self._writer.schema), row_group_size=ROW_GROUP)
-        except OSError as error:
-            raise self._fault(error) from None
+        self._writer.write(arrays, metadata_of(first))
         self._first = first
         self._frames += tracks.frames
-
-    def _open(self, table: Any, tracks: Tracks) -> None:
-        import pyarrow.parquet as pq
-
-        text = json.dumps(metadata_of(tracks), sort_keys=True, ensure_ascii=False)
-        schema = table.schema.with_metadata({KEY: text.encode()})
-        self._writer = pq.ParquetWriter(
-            self._partial, schema, compression="zstd", write_page_checksum=True
-        )
 
     def __exit__(
         self,
@@ -101,23 +80,7 @@ class TracksWriter:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        try:
-            if self._writer is not None:
-                self._writer.close()
-            if kind is None:
-                os.replace(self._partial, self._target)
-        except OSError as problem:
-            raise self._fault(problem) from None
-        finally:
-            self._partial.unlink(missing_ok=True)
-
-    def _fault(self, error: OSError) -> FileFormatError:
-        return FileFormatError(
-            "the file cannot be written",
-            path=self._target,
-            found=os.strerror(error.errno) if error.errno else error,
-            advice="Check that the folder exists and may be written to.",
-        )
+        self._writer.__exit__(kind, error, traceback)
 
 
 def write_parquet(

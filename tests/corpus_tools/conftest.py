@@ -51,3 +51,20 @@ def simulate() -> Callable[..., Folder]:
 def session(tmp_path_factory) -> Folder:
     """Two recordings of half a second; not to be changed."""
     return simulated(tmp_path_factory.mktemp("simulated") / "session", "--utterances", 2)
+
+
+@pytest.fixture(scope="session")
+def lab(tmp_path_factory) -> Path:
+    """Three simulated sentences as a lab has them, with a manifest; not to be changed."""
+    path = tmp_path_factory.mktemp("lab") / "lab"
+    options = ["--utterances", "3", "--rate", "30"]
+    assert cli.main(["simulate", str(path), *options]) == 0
+    return path
+
+
+@pytest.fixture(scope="session")
+def lab_corpus(lab, tmp_path_factory) -> Path:
+    """The corpus of the lab; not to be changed."""
+    out = tmp_path_factory.mktemp("lab_corpus") / "new" / "corpus"
+    assert cli.main(["convert", str(lab), "--out", str(out)]) == 0
+    return out

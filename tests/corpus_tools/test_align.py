@@ -1,9 +1,11 @@
 """The texts of many sounds, and a TextGrid for each."""
 
+import json
 import shutil
 
 import pytest
 
+from corpus_tools import cli
 from corpus_tools.align import run, transcripts
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
 from mocap_fit.io import label_faults, read_labels, read_phones
@@ -84,3 +86,31 @@ def test_sounds_become_textgrids_and_a_bad_one_is_left_out(data_folder, tmp_path
     with pytest.raises(DataError, match="3 words are not in the dictionary: qqq, zzzz, xxxx"):
         run(wavs, text, tmp_path / "none")
     assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.real_data
+def test_the_command(data_folder, tmp_path, capsys):
+    pytest.importorskip("pocketsphinx")
+    wav = data_folder / "labels" / "mary.wav"
+    text = tmp_path / "said.txt"
+    text.write_text("Mary rolled the barrel.\n")
+    out = tmp_path / "out"
+    assert cli.main(["align", str(wav), "--text", str(text), "--out", str(out)]) == 0
+    assert "1 of 1 sounds aligned" in capsys.readouterr().out
+    phones = read_phones(out / "mary.TextGrid", phone_set="en-arpabet")
+    assert phones[1].word == "mary"
+    bad = tmp_path / "bad.wav"
+    bad.write_bytes(b"nothing")
+    text.write_text("mary\tMary rolled the barrel.\nbad\tHello\n")
+    given = ["align", str(wav), str(bad), "--text", str(text), "--out", str(out), "--json"]
+    assert cli.main(given) == 1
+    shown = capsys.readouterr()
+    told = json.loads(shown.out)
+    assert [one["utterance"] for one in told["aligned"]] == ["mary"]
+    assert [one["utterance"] for one in told["failed"]] == ["bad"]
+    assert "bad.wav" in shown.err
+    text.write_text("Mary zzqq\n")
+    assert cli.main([*given[:2], "--text", str(text), "--out", str(out)]) == 1
+    assert "zzqq" in capsys.readouterr().err
+    # Without --out it is a wrong call.
+    assert cli.main(["align", str(wav)]) == 2

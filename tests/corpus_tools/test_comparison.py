@@ -5,8 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from corpus_tools.comparison import FittedRecording, accuracy, parameter_bounds, pose_errors
-from corpus_tools.figures import save, varied_frames
+from corpus_tools.figures import varied_frames
 from corpus_tools.fit import Options, Speaker
+from mocap_fit.drawing import save_figure
 from mocap_fit.errors import DataError
 from mocap_fit.io import read_tracks
 from mocap_fit.tracks import read_parquet
@@ -129,5 +130,5 @@ def test_a_figure_that_fails_leaves_nothing(tmp_path):
         raise DataError("nothing to draw")
 
     with pytest.raises(DataError):
-        save(tmp_path / "a.png", fails)
+        save_figure(tmp_path / "a.png", fails)
     assert not list(tmp_path.iterdir())

@@ -7,7 +7,7 @@ import pytest
 
 from corpus_tools import cli, long_recording
 from mocap_fit import read_tracks
-from mocap_fit.tracks import MarkerTracks, read_parquet, writing
+from mocap_fit.tracks import MarkerTracks, parquet_file, read_parquet
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def fitted(session, file, out, *options: object) -> bytes:
 )
 def test_the_bytes_of_one_piece(long_session, tmp_path, monkeypatch, capsys, kind, options):
     file = long_session.recordings[0] if kind == "tsv" else long_session.path / "as_csv.csv"
-    monkeypatch.setattr(writing, "ROW_GROUP", 600)
+    monkeypatch.setattr(parquet_file, "ROW_GROUP", 600)
     monkeypatch.setattr(long_recording, "ROW_GROUP", 600)
     whole = fitted(long_session, file, tmp_path / "whole", *options, "--json")
     told = json.loads(capsys.readouterr().out)["recordings"][0]

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from corpus_tools import select_sentences
+from corpus_tools import cli, select_sentences
 from corpus_tools.console import Status
 from corpus_tools.triphones import select, triphone_table
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
@@ -166,3 +166,17 @@ def test_bad_input_is_refused_in_words(tmp_path, given_phones, dictionary):
     refused(DataError, "4 symbols are not in.*: J A: E Å:", phone_set="en-arpabet")
     refused(ConfigurationError, "cannot be", count=0)
     refused(ConfigurationError, "cannot be", words=(5, 3))
+
+
+def test_the_command(tmp_path, capsys):
+    text = tmp_path / "text.tsv"
+    text.write_text("one\ta b c d\ntwo\ta b\nthree\td c b a e\n")
+    out = tmp_path / "out"
+    given = ["select-sentences", str(text), "--count", "2", "--out", str(out)]
+    assert cli.main([*given, "--json"]) == 0
+    json.loads(capsys.readouterr().out)
+    assert (out / "sentences.txt").read_text().split() == ["three", "one"]
+    assert cli.main(["select-sentences", str(tmp_path / "none.txt")]) == 1
+    assert "cannot be read" in capsys.readouterr().err
+    assert cli.main([*given, "--shortest", "3", "--longest", "2"]) == 2
+    assert cli.main(["select-sentences", str(text), "--count", "0"]) == 2

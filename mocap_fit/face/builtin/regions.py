@@ -34,7 +34,10 @@ _HAIRLINE = [
 _SKIN: Colour = (0.93, 0.76, 0.665)
 _LIP: Colour = (0.80, 0.50, 0.47)
 _INNER_LIP: Colour = (0.59, 0.26, 0.26)
-_BAG: Colour = (0.24, 0.07, 0.08)
+# The palate is paler than the floor of the mouth; the throat, at its end, is dark.
+_PALATE: Colour = (0.58, 0.27, 0.26)
+_FLOOR: Colour = (0.40, 0.15, 0.15)
+_THROAT: Colour = (0.20, 0.05, 0.06)
 _NOSTRIL: Colour = (0.27, 0.12, 0.10)
 
 
@@ -124,7 +127,7 @@ def skin_colours(skin: Skin) -> FloatArray:
     tint(0.28 * bump(x, y, (30, 63), (15, 9)) * front, (0.78, 0.52, 0.46))
     tint(0.55 * _hair(skin), (0.33, 0.25, 0.20))
     by_kind = {
-        "bag": _BAG,
+        "bag": _THROAT,
         "inner_lip": _INNER_LIP,
         "contact": _INNER_LIP,
         "vermilion": _LIP,
@@ -132,10 +135,21 @@ def skin_colours(skin: Skin) -> FloatArray:
     }
     for kind, colour in by_kind.items():
         colours[skin.kinds == kind] = colour
+    _colour_bag(skin, colours)
     for depth, ring in enumerate(skin.nostril[1:]):
         colours[_both(skin, ring)] = np.array(_NOSTRIL) * (0.8, 0.45, 0.25)[depth]
     _colour_lids(skin, colours)
     return np.asarray(np.clip(colours, 0, 1))
+
+
+def _colour_bag(skin: Skin, colours: FloatArray) -> None:
+    """The mouth's bag: palate above, floor below, both darker towards the throat."""
+    bags = [ring for ring in skin.mouth if len(ring) > 1 and skin.kinds[ring[0]] == "bag"]
+    for ring, dark in zip(bags, np.linspace(1, 0, len(bags)), strict=True):
+        upper = np.arange(len(ring))[:, None] > mouth.CORNER
+        shade = np.where(upper, _PALATE, _FLOOR) * (1 - dark) + np.array(_THROAT) * dark
+        colours[ring] = shade
+        colours[skin.mirror[ring]] = shade
 
 
 def _hair(skin: Skin) -> FloatArray:

@@ -26,10 +26,10 @@ _TONGUE: Colour = (0.74, 0.38, 0.38)
 # From the middle outwards, mm: widths and heights of the teeth's crowns.
 _UPPER_WIDTHS = [8.3, 6.6, 7.6, 7.0, 6.9, 9.5]
 _UPPER_HEIGHTS = [9.8, 8.8, 9.8, 8.4, 7.6, 6.8]
-_UPPER_EDGES = [-1.2, -0.7, -1.2, -0.85, -0.5, -0.15]
+_UPPER_EDGES = [-2.5, -1.9, -2.4, -1.9, -1.3, -0.7]
 _LOWER_WIDTHS = [5.4, 5.9, 6.9, 7.0, 7.1, 10.0]
 _LOWER_HEIGHTS = [8.6, 8.8, 9.8, 8.4, 7.8, 7.0]
-_LOWER_EDGES = [-2.6, -2.6, -2.6, -2.45, -2.3, -2.15]
+_LOWER_EDGES = [-2.0, -2.0, -2.1, -2.1, -2.1, -2.1]
 _BEHIND_THE_LIPS = 7.0
 _OVERJET = 2.6
 # The share of red, green and blue light that reaches the back teeth, and how deep those are, mm.

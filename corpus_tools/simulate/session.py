@@ -1,26 +1,19 @@
-"""Simulated recordings with known truth.
-
-First form: smooth random gestures of the built-in head (or one of other proportions), seen as the
-markers of a layout, with head motion, noise and drop-outs, written as a Qualisys export would be.
-"""
+"""A speaker with markers on, recorded: head motion, noise and drop-outs over known gestures."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 
-from corpus_tools import console
-from corpus_tools.console import Status
-from mocap_fit.errors import ConfigurationError, MocapFitError
-from mocap_fit.face import Mesh, Rig, load_face
-from mocap_fit.fitting import Binding, Layout, Orientation, bind_markers, load_layout
-from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks, PoseTracks, write_parquet
+from mocap_fit.errors import ConfigurationError
+from mocap_fit.face import Mesh, Rig
+from mocap_fit.fitting import Binding, Layout, Orientation, bind_markers
+from mocap_fit.fitting.objective import Evaluator
+from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks, PoseTracks
 
 # How far each gesture of running speech goes, as values of its parameter.
 _GESTURES = {
@@ -139,6 +132,7 @@ class Session:
             tuple(places), conditions.rate, np.array(list(places.values()))[None]
         )
         self.binding: Binding = bind_markers(face, layout, self.still, Orientation())
+        self._evaluator = Evaluator(self.binding, "squares", 1.0)
 
     def reference(self, rng: np.random.Generator) -> MarkerTracks:
         """Record the reference pose: face and head at rest."""
@@ -154,7 +148,7 @@ class Session:
         return self._seen(still, pose, rng, drop_outs=0.0, name="reference")
 
     def record(self, rng: np.random.Generator, name: str = "simulated") -> Simulation:
-        """Record smooth random gestures."""
+        """Record smooth random gestures, as long as the conditions say."""
         conditions = self.conditions
         frames = round(conditions.duration * conditions.rate)
         names = self.face.parameter_names
@@ -169,6 +163,19 @@ class Session:
         )
         lower, upper = self.face.bounds.T
         values = np.clip(values, lower, upper)
+        return self.play(ParameterTracks(names, conditions.rate, values, name=name), rng)
+
+    def play(self, truth: ParameterTracks, rng: np.random.Generator) -> Simulation:
+        """Record given gestures.
+
+        Parameters
+        ----------
+        truth
+            The face parameters, in the order of the face's, at the session's rate.
+        rng
+            Of head motion, noise and drop-outs.
+        """
+        conditions, frames = self.conditions, truth.frames
         largest = conditions.head_translation, conditions.head_rotation
         shift, turn = (
             np.stack(
@@ -185,20 +192,21 @@ class Session:
             rotations[:, None],
             (neck + shift - rotations @ neck)[:, None],
             np.zeros((frames, 1)),
+            name=truth.name,
         )
         markers = np.concatenate(
             [
-                np.array([self.binding.evaluate(v)[0] for v in values]),
+                self._evaluator.markers_of_frames(truth.values)[0],
                 np.repeat(self.binding.head_positions[None], frames, axis=0),
             ],
             axis=1,
         )
         order = [(*self.binding.names, *self.binding.head_names).index(n) for n in self.still.names]
         recording = self._seen(
-            markers[:, order], pose, rng, drop_outs=conditions.drop_outs, name=name
+            markers[:, order], pose, rng, drop_outs=conditions.drop_outs, name=truth.name
         )
-        truth = ParameterTracks(names, conditions.rate, values, name=name)
-        return Simulation(recording, truth, self._in_laboratory(pose))
+        pose = self._in_laboratory(pose).replace(start_time=truth.start_time)
+        return Simulation(recording, truth, pose)
 
     def _seen(
         self,
@@ -303,66 +311,3 @@ def _drop_outs(
             start = rng.integers(frames)
             lost[start : start + rng.geometric(1 / length), marker] = True
     return lost
-
-
-def run(
-    out: Path,
-    *,
-    utterances: int,
-    seed: int,
-    layout: str,
-    conditions: Conditions,
-    head: dict[str, float] | None = None,
-    progress: Callable[[int], object] | None = None,
-) -> Status:
-    """Write a simulated session: recordings, the reference pose, and the truth beside them.
-
-    Parameters
-    ----------
-    out
-        A folder that does not exist yet, or is empty.
-    utterances
-        Number of recordings.
-    seed
-        The same seed gives the same files.
-    layout
-        A layout's name or file.
-    conditions
-        What the session is like.
-    head
-        Proportions of the speaker's head, for `reshape_head`; the built-in head where not given.
-    progress
-        Called with the number of recordings written so far.
-    """
-    from mocap_fit.face.builtin import built_in_head, reshape_head
-    from mocap_fit.io import write_qualisys_tsv
-
-    if out.is_dir() and any(out.iterdir()):
-        raise ConfigurationError(
-            "the folder for the simulation is not empty",
-            path=str(out),
-            advice="Give a new folder, or empty this one.",
-        )
-    face = load_face()
-    if head:
-        face = load_face(mesh=reshape_head(built_in_head(), **head))
-    try:
-        session = Session(load_layout(layout), face, conditions)
-    except MocapFitError as error:
-        raise console.located(error, layout) from None
-    folders = [out / "recordings", out / "truth" / "tracks", out / "truth" / "head"]
-    for folder in (out, *folders):
-        console.make_folder(folder)
-    generators = np.random.default_rng(seed).spawn(utterances + 1)
-    write_qualisys_tsv(session.reference(generators[0]), out / "reference.tsv")
-    width = max(3, len(str(utterances)))
-    for i, rng in enumerate(generators[1:]):
-        name = f"sim{i + 1:0{width}d}"
-        simulation = session.record(rng, name)
-        write_parquet(simulation.parameters, folders[1] / f"{name}.parquet")
-        write_parquet(simulation.pose.replace(name=name), folders[2] / f"{name}.parquet")
-        # The recording comes last: where it is, its truth is too.
-        write_qualisys_tsv(simulation.recording, folders[0] / f"{name}.tsv")
-        if progress is not None:
-            progress(i + 1)
-    return Status.DONE

@@ -1,0 +1,174 @@
+"""Markers that have exchanged their names: found where they jump onto each other's track."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from corpus_tools.validation.thresholds import Section
+from mocap_fit.tracks import FloatArray
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """Markers that carry each other's names for a while.
+
+    Parameters
+    ----------
+    markers
+        Two, or a ring of more.
+    first, last
+        Frames.
+    """
+
+    markers: tuple[int, ...]
+    first: int
+    last: int
+
+
+def previous(positions: FloatArray, reach: int) -> tuple[FloatArray, NDArray[np.int64]]:
+    """The last sample of each marker before each frame, and how many frames ago that is.
+
+    Parameters
+    ----------
+    positions
+        `(frames, markers, 3)`; NaN is missing.
+    reach
+        Frames; older samples count as missing.
+
+    Returns
+    -------
+    before
+        As `positions`.
+    ago
+        `(frames, markers)`, 1 or more; 1 where there is none.
+    """
+    frames, markers = positions.shape[:2]
+    seen = ~np.isnan(positions[:, :, 0])
+    numbers = np.where(seen, np.arange(frames)[:, None], -1)
+    last = np.maximum.accumulate(numbers, axis=0)
+    last = np.concatenate([np.full((1, markers), -1), last[:-1]])
+    ago = np.arange(frames)[:, None] - last
+    there = (last >= 0) & (ago <= reach)
+    before = positions[np.maximum(last, 0), np.arange(markers)[None, :]]
+    before = np.where(there[:, :, None], before, np.nan)
+    return before, np.where(there, ago, 1).astype(np.int64)
+
+
+def find_exchanges(
+    positions: FloatArray, rate: float, limits: Section
+) -> tuple[list[Exchange], FloatArray]:
+    """Find exchanged names, and give the positions with the names exchanged back.
+
+    At the frame where two markers exchange their names both jump, each onto the other's track.
+    Jumps that a permutation of names explains are found by the best assignment of the frame's
+    samples to the samples before.
+
+    Parameters
+    ----------
+    positions
+        `(frames, markers, 3)` without head motion.
+    rate
+        Hertz.
+    limits
+        The thresholds ``markers``.
+
+    Returns
+    -------
+    exchanges
+        By their first frames. Of one that does not end, the shorter side is taken for wrong.
+    mended
+        As `positions`.
+    """
+    frames, markers = positions.shape[:2]
+    before, ago = previous(positions, max(1, round(limits.gap_bridged * rate)))
+    steps = np.linalg.norm(positions - before, axis=2)
+    usual = np.zeros(markers)
+    some = ~np.isnan(steps).all(axis=0)
+    usual[some] = np.nanmedian(steps[:, some], axis=0)
+    with np.errstate(invalid="ignore"):
+        far = steps > np.maximum(limits.swap_distance, limits.swap_factor * usual * np.sqrt(ago))
+    # owner[m]: whose track carries the name m now.
+    owner = np.arange(markers)
+    owners = np.empty((frames, markers), dtype=np.intp)
+    turns = set(np.flatnonzero(far.sum(axis=1) >= 2).tolist())
+    for frame in range(frames):
+        if frame in turns:
+            jumping = np.flatnonzero(far[frame])
+            for ring in _rings(positions[frame, jumping], before[frame, jumping], limits.swap_gain):
+                members = jumping[list(ring)]
+                # The name members[k] has jumped onto the track that members[k + 1] had.
+                owner = owner.copy()
+                owner[members] = owner[np.roll(members, -1)]
+        owners[frame] = owner
+    owners = _shorter_side(owners)
+    exchanges = _stretches(owners)
+    mended = positions
+    if exchanges:
+        mended = np.empty_like(positions)
+        rows = np.arange(frames)[:, None]
+        mended[rows, owners] = positions
+    return exchanges, mended
+
+
+def _rings(here: FloatArray, before: FloatArray, gain: float) -> list[tuple[int, ...]]:
+    """Rings of a permutation that explains the jumps: each member goes where the next one was."""
+    apart = np.linalg.norm(here[:, None] - before[None], axis=2)
+    rows, columns = linear_sum_assignment(apart**2)
+    follows = dict(zip(rows.tolist(), columns.tolist(), strict=True))
+    rings = []
+    left = set(follows)
+    while left:
+        ring = [min(left)]
+        while follows[ring[-1]] != ring[0]:
+            ring.append(follows[ring[-1]])
+        left -= set(ring)
+        stay = sum(apart[k, k] for k in ring)
+        moved = sum(apart[k, follows[k]] for k in ring)
+        if len(ring) > 1 and moved < gain * stay:
+            rings.append(tuple(ring))
+    return rings
+
+
+def _shorter_side(owners: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Where names are not given back until the end, the longer side is right."""
+    frames, markers = owners.shape
+    own = np.arange(markers)
+    values, counts = np.unique(owners, axis=0, return_counts=True)
+    commonest = values[int(np.argmax(counts))]
+    if np.array_equal(commonest, own) or 2 * counts.max() <= frames:
+        return owners
+    # Tracks are called by the names that they carry most of the time.
+    inverse = np.empty(markers, dtype=np.intp)
+    inverse[commonest] = own
+    return np.asarray(inverse[owners])
+
+
+def _stretches(owners: NDArray[np.intp]) -> list[Exchange]:
+    frames, markers = owners.shape
+    own = np.arange(markers)
+    found = []
+    changes = np.flatnonzero((np.diff(owners, axis=0) != 0).any(axis=1)) + 1
+    open_rings: dict[tuple[int, ...], int] = {}
+    for start in [0, *changes.tolist(), frames]:
+        rings = set() if start == frames else _cycles(owners[start], own)
+        for ring in [ring for ring in open_rings if ring not in rings]:
+            found.append(Exchange(ring, open_rings.pop(ring), start - 1))
+        for ring in rings:
+            open_rings.setdefault(ring, start)
+    return sorted(found, key=lambda exchange: (exchange.first, exchange.markers))
+
+
+def _cycles(owner: NDArray[np.intp], own: NDArray[np.intp]) -> set[tuple[int, ...]]:
+    rings = set()
+    left = set(np.flatnonzero(owner != own).tolist())
+    while left:
+        ring = [min(left)]
+        while int(owner[ring[-1]]) != ring[0]:
+            ring.append(int(owner[ring[-1]]))
+        left -= set(ring)
+        rings.add(tuple(ring))
+    return rings

@@ -1,0 +1,400 @@
+"""Checks of the shape of face and head: sizes, axes, left and right, rigid head markers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain, combinations
+
+import numpy as np
+
+from corpus_tools.validation import shapes
+from corpus_tools.validation.findings import Finding, Place
+from corpus_tools.validation.markers import at, evidence
+from corpus_tools.validation.shapes import Fitted, Stilled
+from corpus_tools.validation.thresholds import Thresholds
+from mocap_fit.fitting import Layout
+from mocap_fit.tracks import FloatArray, MarkerTracks, rigid_transforms, spread
+from mocap_fit.tracks.gaps import runs
+
+_UNITS = {1000.0: "metres", 100.0: "decimetres", 10.0: "centimetres", 25.4: "inches"}
+# Recordings that tell what is usual in a session.
+_FEWEST = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """What is kept of a recording to compare it with the others of its session.
+
+    Parameters
+    ----------
+    place
+        The file, and the utterance.
+    names, head
+        Of all markers, and of the head markers.
+    placed
+        `(markers, 3)`: the typical shape at the middle pose, in the recording's coordinates.
+    against_layout
+        The layout's face laid on it; None where no layout tells.
+    varies
+        Whether the layout says that sizes vary.
+    """
+
+    place: Place
+    names: tuple[str, ...]
+    head: tuple[str, ...]
+    placed: FloatArray
+    against_layout: Fitted | None
+    varies: bool
+
+
+def summarise(
+    recording: MarkerTracks,
+    still: Stilled,
+    layout: Layout | None,
+    place: Place,
+    limits: Thresholds,
+) -> Shape:
+    """Keep of a recording what tells unit, axes, and places of markers."""
+    fitted = None
+    head: tuple[str, ...] = ()
+    if layout is not None:
+        expected = shapes.expected_places(layout, recording.names)
+        fitted = shapes.lay_on(expected, still.placed, limits.shape.mirror_gain, True)
+        head = tuple(m.name for m in layout.head_markers if m.name in recording.names)
+    varies = layout is not None and layout.size_varies
+    return Shape(place, recording.names, head, still.placed, fitted, varies)
+
+
+def check_layout(recording: MarkerTracks, layout: Layout, place: Place) -> Iterator[Finding]:
+    """Find markers of the layout that are missing, and others that it does not know."""
+    wanted = [marker.name for marker in layout.markers]
+    lacking = [name for name in wanted if name not in recording.names]
+    if lacking:
+        yield Finding(
+            "MF111",
+            Place(place.file, place.utterance, ", ".join(lacking)),
+            f"{len(lacking)} of {len(wanted)} are not there",
+            f"the markers of the layout '{layout.name}'",
+        )
+    others = [name for name in recording.names if name not in wanted]
+    if others:
+        yield Finding(
+            "MF112",
+            Place(place.file, place.utterance, ", ".join(others)),
+            f"{len(others)} markers",
+            f"the markers of the layout '{layout.name}'",
+        )
+
+
+def check_head(
+    recording: MarkerTracks,
+    still: Stilled,
+    head: Sequence[int],
+    place: Place,
+    limits: Thresholds,
+) -> Iterator[Finding]:
+    """Find head markers that do not keep their distances, and one that has slipped."""
+    rigid = limits.shape
+    if len(head) < 3:
+        return
+    positions = recording.positions[:, list(head)]
+    residuals = still.residuals
+    if len(head) == 3:
+        # The pose rests on all markers there; of these three the residual is their own.
+        shape = shapes.typical_shape(positions)
+        residuals = rigid_transforms(shape, positions)[2]
+    some = recording.visible.any(axis=1)
+    unknown = np.isnan(residuals) & some
+    if some.any() and unknown.sum() > rigid.pose_unknown * some.sum():
+        yield Finding(
+            "MF126",
+            at(place, recording, "head", runs(unknown)[0]),
+            f"in {unknown.sum() / some.sum():.0%} of the frames",
+            f"at most {rigid.pose_unknown:.0%}",
+        )
+    known = ~np.isnan(residuals)
+    if known.any() and np.median(residuals[known]) > rigid.rigid_residual:
+        yield Finding(
+            "MF124",
+            at(place, recording, "head"),
+            f"{np.median(residuals[known]):.2f} mm from their mean shape (median)",
+            f"at most {rigid.rigid_residual} mm",
+        )
+    for column, marker in enumerate(head):
+        off = still.off[:, column]
+        slipped = off > rigid.slip_distance
+        # Frames that do not show it say nothing, and do not end a stretch.
+        seen = np.flatnonzero(recording.visible[:, marker] & known)
+        stretches = runs(np.asarray(slipped[seen]))
+        most = max(stretches, key=lambda run: run.stop - run.start, default=slice(0, 0))
+        if stretches:
+            # Single frames may look well in the midst of it.
+            every = slice(stretches[0].start, stretches[-1].stop)
+            most = every if slipped[seen[every]].mean() > 0.5 else most
+        shown = seen[most]
+        longest = slice(int(shown[0]), int(shown[-1]) + 1) if len(shown) else slice(0, 0)
+        long = most.stop - most.start >= rigid.slip_time * recording.rate
+        if long or slipped.sum() > rigid.slip_share * max(1, known.sum()):
+            yield Finding(
+                "MF125",
+                at(place, recording, recording.names[marker], longest),
+                f"{np.median(off[slipped]):.1f} mm off in {int(slipped.sum())} frames",
+                f"less than {rigid.slip_distance} mm",
+                evidence=evidence(recording, still.positions, [marker], longest),
+            )
+
+
+def check_sessions(members: Sequence[Shape], limits: Thresholds) -> Iterator[Finding]:
+    """Find recordings whose unit, axes or markers' places are wrong.
+
+    Parameters
+    ----------
+    members
+        The recordings of one speaker and session.
+    limits
+        What counts as wrong.
+    """
+    upright = [m for m in members if not (m.against_layout and m.against_layout.mirrored)]
+    middle = _session_shape(upright, limits)
+    for member in members:
+        yield from _size(member, middle, limits)
+        yield from _axes(member, middle, limits)
+        if middle is not None and not (member.against_layout and member.against_layout.mirrored):
+            yield from _places(member, middle, limits)
+
+
+@dataclass(frozen=True, eq=False)
+class _Session:
+    """The usual shape of a session, at its usual pose."""
+
+    names: tuple[str, ...]
+    shape: FloatArray
+    differences: FloatArray
+    centre: FloatArray
+
+
+def _in_order(member: Shape, names: Sequence[str]) -> FloatArray:
+    rows = dict(zip(member.names, member.placed, strict=True))
+    return np.array([rows.get(name, np.full(3, np.nan)) for name in names])
+
+
+def _session_shape(members: Sequence[Shape], limits: Thresholds) -> _Session | None:
+    if len(members) < _FEWEST:
+        return None
+    names = tuple(dict.fromkeys(chain.from_iterable(member.names for member in members)))
+    placed = np.array([_in_order(member, names) for member in members])
+    # The pose that is nearest to all others; single recordings turned otherwise do not count.
+    base = placed[int(np.argmax((~np.isnan(placed[:, :, 0])).sum(axis=1)))]
+    aligned = placed
+    rotations = []
+    for _ in range(2):
+        fits = [shapes.lay_on(one, base, limits.shape.mirror_gain, True) for one in placed]
+        rotations = [None if f is None or f.mirrored else f.matrix for f in fits]
+        aligned = np.full(placed.shape, np.nan)
+        for row, (one, fit) in enumerate(zip(placed, fits, strict=True)):
+            if fit is not None and not fit.mirrored:
+                aligned[row] = _moved(one, fit, base)
+        base = shapes.seen_median(aligned)
+    usable = [r for r in rotations if r is not None]
+    if len(usable) < _FEWEST:
+        return None
+    angles = [sum(_angle(one @ other.T) for other in usable) for one in usable]
+    usual = usable[int(np.argmin(angles))]
+    sizes = np.array([_spread(one) for one in placed])
+    # `base` has the size of the recording that came first: give it the session's.
+    centre = shapes.seen_median(np.array([shapes.seen_median(one) for one in placed]))
+    shape = (base - shapes.seen_median(base)) @ usual
+    shape = shape * float(np.nanmedian(sizes) / _spread(shape)) + centre
+    differences = np.linalg.norm(aligned - base, axis=2)
+    return _Session(names, shape, shapes.seen_median(differences), centre)
+
+
+def _spread(points: FloatArray) -> float:
+    return float(np.sqrt((spread(points) ** 2).sum()))
+
+
+def _angle(matrix: FloatArray) -> float:
+    return float(np.degrees(np.arccos(np.clip((np.trace(matrix) - 1) / 2, -1.0, 1.0))))
+
+
+def _moved(points: FloatArray, fit: Fitted, target: FloatArray) -> FloatArray:
+    """Points laid on the target as the fit says, by the points whose distances are small."""
+    turned = fit.scale * points @ fit.matrix.T
+    usual = max(1.5 * float(np.nanmedian(fit.distances)), 1e-9)
+    weights = np.nan_to_num(1.0 / (1.0 + (fit.distances / usual) ** 2))
+    both = weights > 0
+    shift = weights[both] @ (target[both] - turned[both]) / weights[both].sum()
+    return np.asarray(turned + shift)
+
+
+def _unit(ratio: float) -> str:
+    for factor, unit in _UNITS.items():
+        for value, words in (
+            (ratio * factor, f"it seems to be in {unit}, read as millimetres"),
+            (ratio / factor, f"it seems to be in millimetres, read as {unit}"),
+        ):
+            if 0.75 < value < 1.35:
+                return f"; {words}"
+    return ""
+
+
+def _size(member: Shape, middle: _Session | None, limits: Thresholds) -> Iterator[Finding]:
+    rules = limits.shape
+    extent = np.ptp(member.placed[~np.isnan(member.placed[:, 0])], axis=0)
+    height = float(extent.max())
+    if member.against_layout is not None:
+        ratio = member.against_layout.scale
+        if not rules.smallest_face <= ratio <= rules.largest_face:
+            yield Finding(
+                "MF121",
+                member.place,
+                f"markers reach over {height / 1000:.3g} m, {ratio:.3g} times the layout's face"
+                f"{_unit(ratio)}",
+                f"{rules.smallest_face:g} to {rules.largest_face:g} times",
+            )
+            return
+    elif not rules.smallest_extent <= height <= rules.largest_extent:
+        yield Finding(
+            "MF121",
+            member.place,
+            f"markers reach over {height:.4g} mm",
+            f"{rules.smallest_extent:g} to {rules.largest_extent:g} mm",
+        )
+        return
+    if middle is None:
+        return
+    ratio = _spread(_in_order(member, middle.names)) / _spread(middle.shape)
+    complete = np.isnan(_in_order(member, middle.names)[:, 0]).sum() <= 0.2 * len(middle.names)
+    allowed = rules.size_in_session_video if member.varies else rules.size_in_session
+    if complete and abs(ratio - 1) > allowed:
+        yield Finding(
+            "MF121",
+            member.place,
+            f"{ratio:.3g} times the size of the session's other recordings{_unit(ratio)}",
+            f"within {allowed:.0%} of it",
+        )
+
+
+def _axes(member: Shape, middle: _Session | None, limits: Thresholds) -> Iterator[Finding]:
+    against = member.against_layout
+    if middle is None:
+        if against is not None and against.mirrored:
+            yield Finding(
+                "MF122",
+                member.place,
+                f"a face's mirror image ({shapes.directions(against.matrix)})",
+                "axes of a right hand, and the speaker's own left and right",
+                advice="Turn an axis round, exchange two axes, or exchange the names of left and "
+                "right: the recording alone does not tell which.",
+            )
+        return
+    here = _in_order(member, middle.names)
+    fit = shapes.lay_on(middle.shape, here, limits.shape.mirror_gain, True)
+    if fit is None:
+        return
+    if fit.mirrored:
+        kind, words = shapes.in_words(fit.matrix)
+        # Exchanged names leave the head where it was; a reversed axis does not.
+        centre = shapes.seen_median(here)
+        size = _spread(middle.shape)
+        there = np.linalg.norm(centre - middle.centre)
+        moved = np.linalg.norm(centre - fit.scale * fit.matrix @ middle.centre)
+        if kind == "reversed" and there < moved and there < 2 * size:
+            words = "the names of left and right are exchanged"
+        code = "MF122" if kind in ("same", "reversed") else "MF123"
+        yield Finding(
+            code,
+            member.place,
+            f"against the session's other recordings, {words}",
+            "the same axes and names",
+        )
+    elif (angle := _angle(fit.matrix)) > limits.shape.turned:
+        _, words = shapes.in_words(fit.matrix)
+        yield Finding(
+            "MF123",
+            member.place,
+            f"the head is turned by {angle:.0f} degrees against the session's other recordings "
+            f"({words})",
+            f"at most {limits.shape.turned:g} degrees",
+        )
+    elif against is not None and against.mirrored:
+        yield Finding(
+            "MF122",
+            member.place,
+            f"a face's mirror image ({shapes.directions(against.matrix)})",
+            "axes of a right hand, and the speaker's own left and right",
+        )
+
+
+def _places(member: Shape, middle: _Session, limits: Thresholds) -> Iterator[Finding]:
+    rules = limits.shape
+    here = _in_order(member, middle.names)
+    head = [k for k, name in enumerate(middle.names) if name in member.head]
+    slipped: set[int] = set()
+    if len(head) >= 4:
+        found = _odd_one(middle.shape[head], here[head], rules.slip_in_session, member.varies)
+        if found is not None:
+            slipped.add(head[found[0]])
+            yield Finding(
+                "MF125",
+                Place(member.place.file, member.place.utterance, middle.names[head[found[0]]]),
+                f"{found[1]:.1f} mm from where the session's other recordings have it",
+                f"at most {rules.slip_in_session} mm",
+            )
+    fit = shapes.lay_on(here, middle.shape, rules.mirror_gain, True)
+    if fit is None or fit.mirrored:
+        return
+    moved = _moved(here, fit, middle.shape)
+    off = np.linalg.norm(moved - middle.shape, axis=1)
+    limit = np.maximum(rules.moved_in_session, rules.moved_factor * middle.differences)
+    # Two that have each other's places need not be far apart.
+    near = np.maximum(limits.markers.swap_distance, 3 * middle.differences)
+    with np.errstate(invalid="ignore"):
+        suspects = [int(k) for k in np.flatnonzero(off > near) if k not in slipped]
+    exchanged: set[int] = set()
+    for k, other in combinations(suspects, 2):
+        crossed = max(
+            float(np.linalg.norm(moved[k] - middle.shape[other])),
+            float(np.linalg.norm(moved[other] - middle.shape[k])),
+        )
+        if crossed < limits.markers.swap_gain * min(off[k], off[other]):
+            exchanged |= {k, other}
+            names = f"{middle.names[k]} and {middle.names[other]}"
+            yield Finding(
+                "MF106",
+                Place(member.place.file, member.place.utterance, names),
+                "each is where the session's other recordings have the other one, throughout",
+                "each its own",
+            )
+    for k in suspects:
+        if k in exchanged or not off[k] > limit[k]:
+            continue
+        yield Finding(
+            "MF127",
+            Place(member.place.file, member.place.utterance, middle.names[k]),
+            f"{off[k]:.1f} mm from where the session's other recordings have it",
+            f"at most {limit[k]:.1f} mm",
+        )
+
+
+def _odd_one(
+    usual: FloatArray, here: FloatArray, limit: float, scaled: bool
+) -> tuple[int, float] | None:
+    """The point that has moved against the others, and how far."""
+    there = np.flatnonzero(~(np.isnan(usual[:, 0]) | np.isnan(here[:, 0])))
+    if len(there) < 4:
+        return None
+    best: tuple[float, int, float] | None = None
+    for k in there:
+        others = there[there != k]
+        rest = here[None, others]
+        rotations, translations, residuals = rigid_transforms(usual[others], rest)
+        if np.isnan(residuals[0]):
+            continue
+        off = float(np.linalg.norm(here[k] - rotations[0] @ usual[k] - translations[0]))
+        if best is None or residuals[0] < best[0]:
+            best = (float(residuals[0]), int(k), off)
+    if best is None or scaled or best[2] < limit or best[0] > 0.4 * best[2]:
+        return None
+    return best[1], best[2]

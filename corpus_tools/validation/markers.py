@@ -1,0 +1,263 @@
+"""Checks of single markers: gaps, spikes, jumps, stuck and exchanged markers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from corpus_tools.validation.exchanges import find_exchanges, previous
+from corpus_tools.validation.findings import Evidence, Finding, Place
+from corpus_tools.validation.thresholds import Thresholds
+from mocap_fit.tracks import FloatArray, MarkerTracks, gap_report
+from mocap_fit.tracks.gaps import runs
+
+# Frames on each side of a place that its picture shows.
+_MARGIN = 25
+
+
+def check_markers(
+    recording: MarkerTracks, still: FloatArray | None, place: Place, limits: Thresholds
+) -> Iterator[Finding]:
+    """Find what is wrong with single markers of a recording.
+
+    Parameters
+    ----------
+    recording
+        In any coordinates.
+    still
+        `(frames, markers, 3)`: the same without head motion; None where no pose is known.
+    place
+        The file, and the utterance.
+    limits
+        What counts as wrong.
+    """
+    yield from _gaps(recording, place, limits)
+    stuck = np.zeros(recording.visible.shape, dtype=bool)
+    yield from _stuck(recording, place, limits, stuck)
+    yield from _same_place(recording, place, limits)
+    if still is not None:
+        # Where a marker is stuck, it jumps back at the end: that is said already.
+        moving = np.where(stuck[:, :, None], np.nan, still)
+        yield from _movement(recording, moving, place, limits)
+
+
+def at(place: Place, recording: MarkerTracks, item: str, run: slice | None = None) -> Place:
+    """The place of a marker, and of a run of frames."""
+    if run is None:
+        return Place(place.file, place.utterance, item)
+    first, last = run.start, run.stop - 1
+    start = recording.start_time
+    seconds = (start + first / recording.rate, start + last / recording.rate)
+    return Place(place.file, place.utterance, item, (first, last), seconds)
+
+
+def evidence(
+    recording: MarkerTracks, positions: FloatArray, members: Sequence[int], run: slice
+) -> Evidence:
+    """The coordinates of some markers about a run of frames, from where each is in the middle."""
+    part = slice(max(0, run.start - _MARGIN), min(len(positions), run.stop + _MARGIN))
+    times = recording.times[part]
+    single = len(members) == 1
+    curves = {}
+    for member in members:
+        track = positions[part, member]
+        axes = range(3) if single else [_liveliest(positions[part][:, list(members)])]
+        for axis in axes:
+            curves[f"{recording.names[member]} {'xyz'[axis]}"] = track[:, axis]
+    return Evidence(times, curves, "mm")
+
+
+def _liveliest(positions: FloatArray) -> int:
+    """The coordinate in which the markers are farthest apart."""
+    filled = np.where(np.isnan(positions), 0.0, positions)
+    return int(np.argmax(np.ptp(filled, axis=1).mean(axis=0)))
+
+
+def _gaps(recording: MarkerTracks, place: Place, limits: Thresholds) -> Iterator[Finding]:
+    empty = np.asarray(~recording.visible.any(axis=1))
+    for run in runs(empty):
+        if run.stop - run.start >= limits.markers.empty_frames:
+            yield Finding("MF109", at(place, recording, "", run), f"{run.stop - run.start} frames")
+    seen = recording.replace(positions=recording.positions[~empty], origin=recording.origin[~empty])
+    if not seen.frames:
+        yield Finding("MF103", at(place, recording, "all"), "no sample of any marker")
+        return
+    for marker in gap_report(seen).markers:
+        where = at(place, recording, marker.name)
+        if marker.missing == seen.frames:
+            yield Finding("MF103", where, "no sample")
+            continue
+        if marker.share > limits.markers.gap_share:
+            yield Finding(
+                "MF101",
+                where,
+                f"missing in {marker.share:.0%} of the frames, in {marker.gaps} gaps",
+                f"at most {limits.markers.gap_share:.0%}",
+            )
+        if marker.longest_seconds > limits.markers.longest_gap:
+            hidden = ~recording.visible[:, recording.index(marker.name)]
+            run = max(runs(hidden), key=lambda run: run.stop - run.start)
+            yield Finding(
+                "MF102",
+                at(place, recording, marker.name, run),
+                f"missing for {marker.longest_seconds:.2f} s",
+                f"at most {limits.markers.longest_gap} s",
+            )
+
+
+def _stuck(
+    recording: MarkerTracks, place: Place, limits: Thresholds, mask: NDArray[np.bool_]
+) -> Iterator[Finding]:
+    """Markers that are stuck; the mask `(frames, markers)` is set where they are."""
+    positions = recording.positions
+    if len(positions) < 2:
+        return
+    both = recording.visible[1:] & recording.visible[:-1]
+    same = both & (positions[1:] == positions[:-1]).all(axis=2)
+    # A frame in which nothing moves is a copy, or all are at rest; no marker is stuck in it.
+    moving = (both & ~same).sum(axis=1) > same.sum(axis=1)
+    copies = ~moving & same.any(axis=1)
+    alive = (both & ~same).any()
+    if alive and copies.mean() > limits.markers.repeated_share:
+        first = int(np.argmax(copies)) + 1
+        yield Finding(
+            "MF110",
+            at(place, recording, "", slice(first, first + 1)),
+            f"{int(copies.sum())} of {recording.frames} frames are copies of the one before",
+            f"at most {limits.markers.repeated_share:.0%}",
+        )
+    shortest = max(limits.markers.stuck_frames, round(limits.markers.stuck_time * recording.rate))
+    for marker, name in enumerate(recording.names):
+        for run in runs(same[:, marker] & (moving | copies)):
+            stuck = slice(run.start, run.stop + 1)
+            inside = moving[run]
+            if stuck.stop - stuck.start >= shortest and inside.mean() > 0.5:
+                mask[stuck, marker] = True
+                yield Finding(
+                    "MF105",
+                    at(place, recording, name, stuck),
+                    f"exactly one place for {stuck.stop - stuck.start} frames",
+                    "a marker that moves with the others",
+                    evidence=evidence(recording, positions, [marker], stuck),
+                )
+
+
+def _same_place(recording: MarkerTracks, place: Place, limits: Thresholds) -> Iterator[Finding]:
+    step = max(1, recording.frames // 200)
+    sample = recording.positions[::step]
+    for marker in range(len(recording.names) - 1):
+        apart = np.linalg.norm(sample[:, marker + 1 :] - sample[:, marker : marker + 1], axis=2)
+        with np.errstate(invalid="ignore"):
+            near = apart < limits.markers.same_place
+        together = (~np.isnan(apart)).sum(axis=0)
+        for other in np.flatnonzero((near.sum(axis=0) > 0.5 * together) & (together >= 5)):
+            names = f"{recording.names[marker]} and {recording.names[marker + 1 + other]}"
+            distance = float(np.nanmedian(apart[:, other]))
+            yield Finding(
+                "MF108",
+                at(place, recording, names),
+                f"{distance:.2g} mm apart",
+                f"more than {limits.markers.same_place} mm",
+            )
+
+
+def _movement(
+    recording: MarkerTracks, still: FloatArray, place: Place, limits: Thresholds
+) -> Iterator[Finding]:
+    exchanges, mended = find_exchanges(still, recording.rate, limits.markers)
+    for exchange in exchanges:
+        run = slice(exchange.first, exchange.last + 1)
+        names = " and ".join(recording.names[k] for k in exchange.markers)
+        yield Finding(
+            "MF106",
+            at(place, recording, names, run),
+            f"they continue each other's tracks for {run.stop - run.start} frames",
+            "each its own",
+            evidence=evidence(recording, still, exchange.markers, run),
+        )
+    spikes = np.zeros(mended.shape[:2], dtype=bool)
+    for marker, name in enumerate(recording.names):
+        for run, height in _spikes(mended[:, marker], recording.rate, limits):
+            spikes[run, marker] = True
+            yield Finding(
+                "MF104",
+                at(place, recording, name, run),
+                f"{height:.1f} mm out and back",
+                f"less than {limits.markers.spike_size} mm, or slower",
+                evidence=evidence(recording, mended, [marker], run),
+            )
+    calm = np.where(spikes[:, :, None], np.nan, mended)
+    yield from _jumps(recording, calm, place, limits)
+
+
+def _spikes(track: FloatArray, rate: float, limits: Thresholds) -> Iterator[tuple[slice, float]]:
+    """Runs of frames in which a marker is out of its track, and how far, `(frames, 3)` given."""
+    marker = limits.markers
+    seen = np.flatnonzero(~np.isnan(track[:, 0]))
+    if len(seen) < 5:
+        return
+    points, bridge = track[seen], max(1, round(marker.gap_bridged * rate))
+    wrong = np.zeros(len(seen), dtype=bool)
+    heights = np.zeros(len(seen))
+    usual = 0.0
+    for length in range(1, marker.spike_frames + 1):
+        if len(seen) < length + 2:
+            break
+        before, after = points[: -length - 1], points[length + 1 :]
+        first, last = seen[: -length - 1], seen[length + 1 :]
+        inside = np.stack([seen[1 + k : len(seen) - length + k] for k in range(length)])
+        middle = np.stack([points[1 + k : len(seen) - length + k] for k in range(length)])
+        share = ((inside - first) / (last - first))[:, :, None]
+        out = np.linalg.norm(middle - (before + share * (after - before)), axis=2)
+        height = out.min(axis=0)
+        if length == 1:
+            usual = float(np.median(height))
+        limit = np.maximum(marker.spike_size, marker.spike_factor * usual)
+        enter = np.linalg.norm(middle[0] - before, axis=1) * rate / (inside[0] - first)
+        leave = np.linalg.norm(after - middle[-1], axis=1) * rate / (last - inside[-1])
+        found = (
+            (height > limit)
+            & (np.minimum(enter, leave) > marker.spike_speed)
+            & (np.linalg.norm(after - before, axis=1) < 0.5 * height)
+            & (last - first <= length + 2 * bridge)
+        )
+        for place in np.flatnonzero(found & ~wrong[1 : len(found) + 1]):
+            part = slice(place + 1, place + 1 + length)
+            if not wrong[part].any():
+                wrong[part] = True
+                heights[part] = out[:, place]
+    frames = np.zeros(len(track), dtype=bool)
+    frames[seen[wrong]] = True
+    size = np.zeros(len(track))
+    size[seen] = heights
+    for run in runs(frames):
+        yield run, float(size[run].max())
+
+
+def _jumps(
+    recording: MarkerTracks, positions: FloatArray, place: Place, limits: Thresholds
+) -> Iterator[Finding]:
+    marker = limits.markers
+    before, ago = previous(positions, max(1, round(marker.gap_bridged * recording.rate)))
+    steps = np.linalg.norm(positions - before, axis=2)
+    for index, name in enumerate(recording.names):
+        column: FloatArray = steps[:, index]
+        there = ~np.isnan(column)
+        if not there.any():
+            continue
+        usual = float(np.median(column[there]))
+        limit = max(marker.jump_size, marker.jump_factor * usual)
+        with np.errstate(invalid="ignore"):
+            fast: NDArray[np.bool_] = column * recording.rate / ago[:, index] > marker.jump_speed
+            far = fast & (column > limit)
+        for frame in np.flatnonzero(far):
+            run = slice(int(frame), int(frame) + 1)
+            yield Finding(
+                "MF107",
+                at(place, recording, name, run),
+                f"{column[frame]:.1f} mm from one frame to the next",
+                f"less than {limit:.1f} mm",
+                evidence=evidence(recording, positions, [index], run),
+            )

@@ -1,0 +1,141 @@
+"""A report as one HTML page that holds its pictures."""
+
+from __future__ import annotations
+
+import html
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from corpus_tools import page as pages
+from corpus_tools.validation.findings import Finding, Severity
+from corpus_tools.validation.pictures import evidence_picture, overview
+from corpus_tools.validation.report import Report, by_code
+from mocap_fit.drawing import save_figure
+from mocap_fit.errors import ConfigurationError
+
+_COLOURS = {Severity.ERROR: "#B00020", Severity.WARNING: "#9A6700", Severity.NOTE: "#555555"}
+# Rows of a table of findings that the page shows at once.
+_MOST_ROWS = 500
+
+
+def write_page(report: Report, path: Path) -> None:
+    """Write a report as one page of HTML, whole or not at all; the same report, the same bytes.
+
+    Parameters
+    ----------
+    report
+        After its `finish`.
+    path
+        The file; one that exists is replaced.
+
+    Raises
+    ------
+    ConfigurationError
+        If it cannot be written.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        text = pages.page("What mocap-fit validate found", _parts(report, Path(folder)))
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        partial.write_text(text, encoding="utf-8", newline="\n")
+        os.replace(partial, path)
+    except OSError as error:
+        raise ConfigurationError(
+            "the page cannot be written",
+            path=path,
+            found=error.strerror,
+            advice="Check that the folder exists and may be written to.",
+        ) from None
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _parts(report: Report, folder: Path) -> Iterator[str]:
+    for line in report.checked:
+        yield pages.paragraph(line)
+    colour = _COLOURS[Severity.NOTE] if report.clean else _COLOURS[Severity.ERROR]
+    yield f'<p style="font-size:1.1rem;color:{colour}"><b>{html.escape(report.verdict())}</b></p>'
+    groups = by_code(report.findings)
+    if groups:
+        yield pages.heading("In short")
+        yield pages.table(
+            ("severity", "code", "what is wrong", "how many", "what to do"),
+            [(f.severity.value, f.code, f.title, len(members), f.advice) for f, members in groups],
+        )
+        yield pages.heading("All findings")
+    for first, members in groups:
+        yield _group(first, members)
+        for number, finding in enumerate(f for f in members if f.evidence is not None):
+            target = folder / f"{finding.severity.value}_{finding.code}_{number}.svg"
+            save_figure(target, evidence_picture, finding)
+            yield pages.picture(target, f"{finding.code}, {finding.place}: {finding.found}")
+    figures = list(overview(report))
+    if figures:
+        yield pages.heading("What is usual")
+    for number, (caption, draw) in enumerate(figures):
+        target = folder / f"overview_{number}.svg"
+        save_figure(target, draw)
+        yield pages.picture(target, caption)
+    yield pages.heading("Thresholds")
+    yield pages.paragraph(
+        "A file with some of these lines, given with `--thresholds`, changes what counts as wrong."
+    )
+    yield _thresholds(report)
+
+
+def _group(first: Finding, members: list[Finding]) -> str:
+    colour = _COLOURS[first.severity]
+    head = (
+        f'<summary style="margin:0.5rem 0"><b style="color:{colour}">{first.severity.value} '
+        f"{first.code}</b> {html.escape(first.title)} ({len(members)})</summary>"
+    )
+    rows = [
+        (
+            finding.place.utterance,
+            finding.place.item,
+            "" if finding.place.frames is None else _span(finding.place.frames),
+            ""
+            if finding.place.seconds is None
+            else f"{finding.place.seconds[0]:.3f}–{finding.place.seconds[1]:.3f}",
+            finding.found,
+            finding.expected,
+            finding.place.file,
+        )
+        for finding in members[:_MOST_ROWS]
+    ]
+    header = ("utterance", "what", "frames", "seconds", "found", "expected", "file")
+    table = _table(header, rows)
+    more = ""
+    if len(members) > _MOST_ROWS:
+        more = pages.paragraph(f"and {len(members) - _MOST_ROWS} more; `--json` has all.")
+    opened = " open" if first.severity is not Severity.NOTE or len(members) <= 10 else ""
+    return f"<details{opened}>{head}{pages.paragraph(first.advice)}{table}{more}</details>"
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table of texts, without the columns that are empty."""
+    kept = [k for k in range(len(header)) if any(row[k] for row in rows)]
+
+    def line(tag: str, cells: Sequence[str]) -> str:
+        return "".join(f"<{tag} class=text>{html.escape(cells[k])}</{tag}>" for k in kept)
+
+    body = "\n".join(f"<tr>{line('td', row)}</tr>" for row in rows)
+    return (
+        f"<table>\n<thead><tr>{line('th', header)}</tr></thead>\n<tbody>\n{body}\n</tbody></table>"
+    )
+
+
+def _span(frames: tuple[int, int]) -> str:
+    return str(frames[0]) if frames[0] == frames[1] else f"{frames[0]}–{frames[1]}"
+
+
+def _thresholds(report: Report) -> str:
+    rows = [
+        (section, name, value)
+        for section, values in report.limits.as_record().items()
+        for name, value in values.items()
+    ]
+    table = pages.table(("section", "name", "value"), rows)
+    return f"<details><summary>All</summary>{table}</details>"

@@ -1,0 +1,304 @@
+"""Checks of face parameters: the fit's residual, bounds, gaps, jumps, closed lips."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from corpus_tools.validation.findings import Evidence, Finding, Place
+from corpus_tools.validation.thresholds import Thresholds
+from mocap_fit.face import Rig
+from mocap_fit.io import Label
+from mocap_fit.phones import PhoneSet
+from mocap_fit.tracks import FloatArray, ParameterTracks
+from mocap_fit.tracks.gaps import runs
+
+_MARGIN = 25
+
+
+def check_parameters(
+    tracks: ParameterTracks,
+    rig: Rig | None,
+    varies: bool,
+    place: Place,
+    limits: Thresholds,
+) -> Iterator[Finding]:
+    """Find what is wrong with the parameters of an utterance.
+
+    Parameters
+    ----------
+    tracks
+        As fitted.
+    rig
+        The face that they are of; None where it is not known.
+    varies
+        Whether the markers are landmarks whose size varies.
+    place
+        The file, and the utterance.
+    limits
+        What counts as wrong.
+    """
+    known = np.asarray(np.isfinite(tracks.values).all(axis=1))
+    if not known.any():
+        yield Finding("MF305", place, f"{tracks.frames} frames, none fitted", "parameters")
+        return
+    yield from _missing(tracks, known, place, limits)
+    yield from _residuals(tracks, varies, place, limits)
+    bounds = np.full((len(tracks.names), 2), np.nan)
+    if rig is not None and tuple(rig.parameter_names) == tracks.names:
+        bounds = rig.bounds
+        yield from _bounds(tracks, bounds, place, limits)
+    yield from _movement(tracks, bounds, place, limits)
+
+
+def at(place: Place, tracks: ParameterTracks, item: str, run: slice | None = None) -> Place:
+    """The place of a parameter, and of a run of frames."""
+    if run is None:
+        return Place(place.file, place.utterance, item)
+    times = tracks.start_time + np.array([run.start, run.stop - 1]) / tracks.rate
+    seconds = (float(times[0]), float(times[1]))
+    return Place(place.file, place.utterance, item, (run.start, run.stop - 1), seconds)
+
+
+def _picture(
+    tracks: ParameterTracks, curves: dict[str, FloatArray], run: slice, unit: str
+) -> Evidence:
+    part = slice(max(0, run.start - _MARGIN), run.stop + _MARGIN)
+    return Evidence(tracks.times[part], {n: c[part] for n, c in curves.items()}, unit)
+
+
+def _missing(
+    tracks: ParameterTracks, known: NDArray[np.bool_], place: Place, limits: Thresholds
+) -> Iterator[Finding]:
+    rules = limits.parameters
+    missing = runs(~known)
+    for run in missing:
+        if (run.stop - run.start) / tracks.rate > rules.missing_time:
+            yield Finding(
+                "MF304",
+                at(place, tracks, "", run),
+                f"{run.stop - run.start} frames ({(run.stop - run.start) / tracks.rate:.2f} s)",
+                f"at most {rules.missing_time} s",
+            )
+    if (~known).mean() > rules.missing_share:
+        yield Finding(
+            "MF304",
+            at(place, tracks, "", missing[0]),
+            f"in all {(~known).mean():.0%} of the frames",
+            f"at most {rules.missing_share:.0%}",
+        )
+    for column, name in enumerate(tracks.names):
+        share = float(tracks.uncertain[:, column].mean())
+        if share > rules.undetermined_share:
+            yield Finding(
+                "MF306",
+                at(place, tracks, name),
+                f"in {share:.0%} of the frames",
+                f"at most {rules.undetermined_share:.0%}",
+            )
+
+
+def _residuals(
+    tracks: ParameterTracks, varies: bool, place: Place, limits: Thresholds
+) -> Iterator[Finding]:
+    rules = limits.parameters
+    there = np.isfinite(tracks.residuals)
+    if not there.any():
+        return
+    median = float(np.median(tracks.residuals[there]))
+    allowed = rules.residual_video if varies else rules.residual
+    if median > allowed:
+        grave = median > rules.residual_error * allowed
+        yield Finding(
+            "MF301",
+            at(place, tracks, ""),
+            f"{median:.2f} mm (median over the utterance)",
+            f"at most {allowed} mm",
+            severity="error" if grave else None,  # type: ignore[arg-type]
+        )
+        return
+    limit = max(rules.bad_frames_residual, rules.bad_frames_factor * median)
+    with np.errstate(invalid="ignore"):
+        bad = runs(tracks.residuals > limit)
+    for run in bad:
+        if (run.stop - run.start) / tracks.rate >= rules.bad_frames_time:
+            yield Finding(
+                "MF302",
+                at(place, tracks, "", run),
+                f"up to {np.max(tracks.residuals[run]):.1f} mm",
+                f"at most {limit:.1f} mm",
+                evidence=_picture(tracks, {"residual": tracks.residuals}, run, "mm"),
+            )
+
+
+def _bounds(
+    tracks: ParameterTracks, bounds: FloatArray, place: Place, limits: Thresholds
+) -> Iterator[Finding]:
+    rules = limits.parameters
+    for column, name in enumerate(tracks.names):
+        values = tracks.values[:, column]
+        there = np.isfinite(values)
+        for bound, which, sign in zip(bounds[column], ("lower", "upper"), (-1, 1), strict=True):
+            with np.errstate(invalid="ignore"):
+                beyond = sign * (values - bound) > rules.bound_distance
+                reached = (np.abs(values - bound) <= rules.bound_distance) & there
+            if beyond.any():
+                run = runs(beyond)[0]
+                extreme = float(np.nanmax(sign * values) * sign)
+                yield Finding(
+                    "MF310",
+                    at(place, tracks, name, run),
+                    f"{extreme:.3g} in {int(beyond.sum())} frames",
+                    f"{bounds[column, 0]:g} to {bounds[column, 1]:g}",
+                    evidence=_picture(tracks, {name: values}, run, "of the full gesture"),
+                )
+            stretches = runs(reached)
+            longest = max(stretches, key=lambda run: run.stop - run.start, default=slice(0, 0))
+            long = (longest.stop - longest.start) / tracks.rate >= rules.bound_time
+            share = reached.sum() / max(1, there.sum())
+            if long or share > rules.bound_share:
+                yield Finding(
+                    "MF303",
+                    at(place, tracks, name, longest),
+                    f"at the {which} bound {bound:g} in {share:.0%} of the frames, "
+                    f"{(longest.stop - longest.start) / tracks.rate:.2f} s at a stretch",
+                    f"at most {rules.bound_share:.0%}, and less than {rules.bound_time} s",
+                    evidence=_picture(tracks, {name: values}, longest, "of the full gesture"),
+                )
+
+
+def _movement(
+    tracks: ParameterTracks, bounds: FloatArray, place: Place, limits: Thresholds
+) -> Iterator[Finding]:
+    rules = limits.parameters
+    steps = np.abs(np.diff(tracks.values, axis=0))
+    # A value that the markers hardly determine may be anywhere: that it jumps is no news.
+    doubt = np.nan_to_num(tracks.standard_deviations, nan=0.0, posinf=np.inf)
+    doubt = rules.jump_deviations * np.hypot(doubt[1:], doubt[:-1])
+    with np.errstate(invalid="ignore"):
+        fast = (steps * tracks.rate > rules.jump_speed) & (steps > rules.jump_size)
+        fast &= steps > doubt
+        still = steps <= rules.still
+    moving = (~still & np.isfinite(steps)).sum(axis=1) > 0.5 * steps.shape[1]
+    for column, name in enumerate(tracks.names):
+        values = tracks.values[:, column]
+        for frame in np.flatnonzero(fast[:, column]):
+            run = slice(int(frame), int(frame) + 2)
+            yield Finding(
+                "MF307",
+                at(place, tracks, name, run),
+                f"{steps[frame, column]:.2f} full gestures from one frame to the next",
+                f"at most {max(rules.jump_size, rules.jump_speed / tracks.rate):.2f}",
+                evidence=_picture(tracks, {name: values}, run, "of the full gesture"),
+            )
+        for stretch in runs(still[:, column] & moving):
+            run = slice(stretch.start, stretch.stop + 1)
+            if (np.abs(values[run.start] - bounds[column]) <= rules.bound_distance).any():
+                continue
+            if (run.stop - run.start) / tracks.rate >= rules.still_time:
+                at_bound = "" if values[run.start] else " (at rest)"
+                yield Finding(
+                    "MF308",
+                    at(place, tracks, name, run),
+                    f"{values[run.start]:.3g}{at_bound} for "
+                    f"{(run.stop - run.start) / tracks.rate:.2f} s",
+                    "a track that moves with the others",
+                )
+
+
+@dataclass(frozen=True, eq=False)
+class Closure:
+    """How far the lips close in a bilabial.
+
+    Parameters
+    ----------
+    place
+        The file, the utterance, and the phone.
+    phone
+        Its symbol.
+    gap
+        The smallest gap of the lips in it, millimetres of the face.
+    evidence
+        The gap about it.
+    """
+
+    place: Place
+    phone: str
+    gap: float
+    evidence: Evidence
+
+
+def closures(
+    tracks: ParameterTracks,
+    gaps: FloatArray,
+    phones: list[Label],
+    phone_set: PhoneSet,
+    place: Place,
+    limits: Thresholds,
+) -> list[Closure]:
+    """The lips' gap in every bilabial closure, one a phone.
+
+    Parameters
+    ----------
+    tracks
+        For the times of the frames.
+    gaps
+        `(frames,)`: of the lips, millimetres; NaN is missing.
+    phones
+        The labels.
+    phone_set
+        Theirs.
+    place
+        The file, and the utterance.
+    limits
+        What counts as wrong.
+    """
+    there = np.isfinite(gaps)
+    times, margin = tracks.times, limits.parameters.lips_time
+    found = []
+    for label in phones:
+        parsed = phone_set.parse(label.text)
+        if parsed is None or "bilabial_stop" not in phone_set.phone(parsed[0]).classes():
+            continue
+        inside = (times >= label.start - margin) & (times < label.end + margin) & there
+        if not inside.any():
+            continue
+        around = (times >= label.start - 0.15) & (times < label.end + 0.15)
+        where = Place(place.file, place.utterance, label.text, None, (label.start, label.end))
+        picture = Evidence(times[around], {"gap of the lips": gaps[around]}, "mm")
+        found.append(Closure(where, parsed[0], float(gaps[inside].min()), picture))
+    return found
+
+
+def check_closures(
+    found: list[Closure], spans: FloatArray, limits: Thresholds
+) -> Iterator[Finding]:
+    """Find bilabials in which the lips stay open.
+
+    Parameters
+    ----------
+    found
+        Of all utterances of a speaker.
+    spans
+        `(utterances, 2)`: the gap when closed and when wide open.
+    limits
+        What counts as wrong.
+    """
+    if not len(spans):
+        return
+    rules = limits.parameters
+    closed = float(np.median(spans[:, 0]))
+    opened = float(np.quantile(spans[:, 1], 0.75))
+    limit = max(rules.lips_open, closed + rules.lips_open_share * (opened - closed))
+    for closure in found:
+        if closure.gap > limit:
+            yield Finding(
+                "MF309",
+                closure.place,
+                f"the lips stay {closure.gap:.1f} mm apart in '{closure.phone}'",
+                f"at most {limit:.1f} mm",
+                evidence=closure.evidence,
+            )

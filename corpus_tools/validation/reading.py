@@ -1,0 +1,401 @@
+"""Utterances read for their checks: from a corpus, or from files as a lab has them.
+
+What cannot be read is a finding, and the rest of the utterance is checked all the same.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from corpus_tools.validation.findings import Finding, Place
+from corpus_tools.validation.subject import Subject
+from corpus_tools.validation.tables import check_own_name, check_table, check_times, read_frame
+from corpus_tools.validation.thresholds import Thresholds
+from mocap_fit.corpus import Utterance
+from mocap_fit.errors import DataError, MocapFitError, MocapFitWarning, RegistryError
+from mocap_fit.io import (
+    LABEL_READERS,
+    READERS,
+    Label,
+    Labels,
+    Tier,
+    find_phone_tier,
+    read,
+    read_all_labels,
+)
+from mocap_fit.phones import PhoneSet
+from mocap_fit.sound import read_sound
+from mocap_fit.tracks import MarkerTracks, ParameterTracks, PoseTracks, read_parquet
+
+# Folder of a corpus → what its files hold, their ending, and the name of the data in a `Subject`.
+FOLDERS = {
+    "tracks": ("parameters", "parquet", "parameters"),
+    "phones": ("phones", "parquet", "labels"),
+    "head": ("poses", "parquet", "head"),
+    "markers": ("markers", "parquet", "markers"),
+    "audio": ("sound", "wav", "sound"),
+}
+SOUND_ENDINGS = (".wav", ".flac", ".aiff", ".aif", ".ogg")
+# What readers say of time stamps that are not even.
+_UNEVEN = (
+    "the times are not evenly spaced",
+    "the time does not grow",
+    "the frame has no time",
+    "the frame number does not grow",
+    "frames are left out",
+)
+_RATES = ("the header's rate and the times of the frames contradict each other",)
+
+
+def _said(error: MocapFitError) -> str:
+    """An error without its file and its advice, which have places of their own."""
+    place = "" if error.line is None else f"line {error.line}: "
+    if error.frame is not None:
+        place += f"frame {error.frame}: "
+    found = "" if error.found is None else f" ({str(error.found)[:200]})"
+    return f"{place}{error.problem}{found}"
+
+
+def failed(error: MocapFitError, file: str, utterance: str = "") -> Finding:
+    """The finding of a file that cannot be read."""
+    code = "MF001"
+    if error.problem in _UNEVEN:
+        code = "MF142"
+    elif error.problem in _RATES:
+        code = "MF141"
+    expected = "" if error.expected is None else str(error.expected)[:200]
+    return Finding(code, Place(file, utterance), _said(error), expected, advice=error.advice or "")
+
+
+def read_utterance(
+    utterance: Utterance,
+    shown: str,
+    wanted: Sequence[str],
+    limits: Thresholds,
+) -> tuple[Subject, list[Finding]]:
+    """Read an utterance of a corpus on disk, and check its tables.
+
+    Parameters
+    ----------
+    utterance
+        Of the corpus's table.
+    shown
+        The corpus's folder, as the user named it.
+    wanted
+        Folders that must have a file of it.
+    limits
+        What counts as wrong.
+
+    Returns
+    -------
+    subject
+        What could be read.
+    findings
+        Files that are missing or cannot be read, tables that are wrong.
+    """
+    assert utterance.folder is not None
+    subject = Subject(
+        utterance.id,
+        utterance.speaker,
+        utterance.session,
+        utterance.split,
+        utterance.text,
+        on_one_clock=True,
+    )
+    found: list[Finding] = []
+    for folder, (kind, ending, part) in FOLDERS.items():
+        path = utterance.folder / folder / f"{utterance.id}.{ending}"
+        name = os.path.join(shown, folder, path.name)
+        if not path.is_file():
+            if folder in wanted:
+                code = "MF404" if folder == "audio" else "MF501"
+                found.append(Finding(code, Place(name, utterance.id), "it is not there", "a file"))
+            continue
+        subject.files[part] = name
+        try:
+            if folder == "audio":
+                subject.sound = read_sound(path)
+            elif folder == "phones":
+                found += _read_phones(subject, path, name)
+            else:
+                found += _read_tracks(subject, utterance, path, kind, name, limits)
+        except MocapFitError as error:
+            found.append(failed(error, name, utterance.id))
+    return subject, found
+
+
+def _read_phones(subject: Subject, path: Path, name: str) -> Iterator[Finding]:
+    frame, description = read_frame(path, ("phones",))
+    place = Place(name, subject.name)
+    yield from check_table(frame, "phones", (), place)
+    yield from check_own_name(frame, subject.name, place)
+    yield from _named(description, subject.name, place)
+    if not {"start", "end", "phone"} <= set(frame.columns):
+        return
+    rows = zip(frame["start"], frame["end"], frame["phone"], strict=True)
+    try:
+        entries = tuple(Label(float(s), float(e), str(phone)) for s, e, phone in rows)
+    except (DataError, TypeError, ValueError):
+        # The table's own checks have said so.
+        return
+    subject.tier = Tier("phones", entries)
+
+
+def _read_tracks(
+    subject: Subject,
+    utterance: Utterance,
+    path: Path,
+    kind: str,
+    name: str,
+    limits: Thresholds,
+) -> Iterator[Finding]:
+    frame, description = read_frame(path, (kind,))
+    place = Place(name, subject.name)
+    names = tuple(str(one) for one in description.get("names", ()))
+    yield from check_table(frame, kind, names, place)
+    yield from check_own_name(frame, subject.name, place)
+    yield from _named(description, subject.name, place)
+    yield from check_times(frame, description, place, limits)
+    tracks = read_parquet(path)
+    if isinstance(tracks, ParameterTracks):
+        subject.parameters = tracks
+        yield from _duration(tracks, utterance, place, limits)
+    elif isinstance(tracks, MarkerTracks):
+        subject.markers = tracks
+        yield from _same_frames(tracks, subject, place)
+    else:
+        yield from _same_frames(tracks, subject, place)
+
+
+def _named(description: dict[str, Any], utterance: str, place: Place) -> Iterator[Finding]:
+    name = description.get("name")
+    if name != utterance:
+        yield Finding(
+            "MF504", Place(place.file, utterance, "name"), f"the file says '{name}'", utterance
+        )
+
+
+def _duration(
+    tracks: ParameterTracks, utterance: Utterance, place: Place, limits: Thresholds
+) -> Iterator[Finding]:
+    if not abs(tracks.duration - utterance.duration) <= limits.corpus.duration:
+        yield Finding(
+            "MF504",
+            Place(place.file, place.utterance, "duration"),
+            f"{tracks.frames} frames at {tracks.rate:g} Hz, {tracks.duration:.4f} s",
+            f"{utterance.duration:.4f} s, as the table of utterances says",
+        )
+
+
+def _same_frames(
+    tracks: MarkerTracks | PoseTracks, subject: Subject, place: Place
+) -> Iterator[Finding]:
+    """Head and markers have the frames of the parameters."""
+    parameters = subject.parameters
+    if parameters is not None and tracks.frames != parameters.frames:
+        yield Finding(
+            "MF504",
+            place,
+            f"{tracks.frames} frames",
+            f"{parameters.frames}, as the parameters have",
+        )
+
+
+@dataclass
+class Files:
+    """Files of one utterance, as a lab has them.
+
+    Parameters
+    ----------
+    name
+        What their names have in common.
+    recordings, labels, sounds
+        Paths.
+    """
+
+    name: str
+    recordings: list[Path] = field(default_factory=list)
+    labels: list[Path] = field(default_factory=list)
+    sounds: list[Path] = field(default_factory=list)
+
+
+def sorted_files(paths: Sequence[Path]) -> tuple[list[Files], list[Path]]:
+    """Files by utterance: those of one name belong together.
+
+    Parameters
+    ----------
+    paths
+        Files.
+
+    Returns
+    -------
+    files
+        By name, in order.
+    others
+        Those whose ending says nothing.
+    """
+    recordings = _endings(READERS)
+    labels = _endings(LABEL_READERS)
+    made: dict[str, Files] = {}
+    others = []
+    for path in sorted(paths):
+        ending = path.suffix.lower()
+        files = made.get(path.stem) or Files(path.stem)
+        if ending in SOUND_ENDINGS:
+            files.sounds.append(path)
+        elif ending == ".csv":
+            (files.labels if _looks_like_labels(path) else files.recordings).append(path)
+        elif ending in recordings:
+            files.recordings.append(path)
+        elif ending in labels:
+            files.labels.append(path)
+        else:
+            others.append(path)
+            continue
+        made[path.stem] = files
+    return [made[name] for name in sorted(made)], others
+
+
+def files_in(folder: Path) -> tuple[list[Path], list[Path]]:
+    """The files of a folder, and of those in it, that can be checked, and those that cannot.
+
+    A table that no reader knows by its content is none of a recording, whatever its ending.
+    """
+    chosen, others = [], []
+    known = _endings(READERS) | _endings(LABEL_READERS) | set(SOUND_ENDINGS)
+    for path in sorted(folder.rglob("*")):
+        hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
+        if hidden or not path.is_file() or path.suffix.lower() not in known:
+            continue
+        if path.suffix.lower() in (".tsv", ".csv") and not _looks_known(path):
+            if not _is_of_sentences(path):
+                others.append(path)
+        else:
+            chosen.append(path)
+    return chosen, others
+
+
+def _looks_known(path: Path) -> bool:
+    readers = [READERS.get(name) for name in READERS.names()]
+    readers += [LABEL_READERS.get("csv")]
+    return any(
+        path.suffix.lower() in reader.extensions and reader.sniff(path) for reader in readers
+    )
+
+
+def _is_of_sentences(path: Path) -> bool:
+    """Whether a table is that of a manifest's sentences, which `convert` reads."""
+    try:
+        with path.open(encoding="utf-8-sig") as stream:
+            return "utterance" in stream.readline().rstrip("\n").split("\t")
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def unknown(path: Path) -> Finding:
+    """The finding of a file that a user names and nothing here reads."""
+    if not path.exists():
+        return Finding("MF001", Place(str(path)), "there is no such file or folder")
+    return Finding(
+        "MF001",
+        Place(str(path)),
+        f"no reader takes files in {path.suffix or 'no ending'}",
+        "a recording, labels, sound, or a corpus",
+    )
+
+
+def _endings(registry: Any) -> set[str]:
+    endings: set[str] = set()
+    for name in registry.names():
+        try:
+            endings |= set(registry.get(name).extensions)
+        except RegistryError as error:
+            warnings.warn(str(error), MocapFitWarning, stacklevel=2)
+    return endings
+
+
+def _looks_like_labels(path: Path) -> bool:
+    return bool(LABEL_READERS.get("csv").sniff(path))
+
+
+def read_files(files: Files, phone_set: PhoneSet | None) -> tuple[list[Subject], list[Finding]]:
+    """Read the files of one utterance.
+
+    Parameters
+    ----------
+    files
+        Of several recordings (or sounds, or labels) of one name each is an utterance of its own.
+    phone_set
+        To find the tier of phones.
+
+    Returns
+    -------
+    subjects
+        What could be read.
+    findings
+        What could not.
+    """
+    found: list[Finding] = []
+    subject = Subject(files.name)
+    subjects = [subject]
+
+    def free(part: str) -> Subject:
+        """The subject that has no such part yet."""
+        nonlocal subject
+        if part in subject.files:
+            subject = Subject(files.name)
+            subjects.append(subject)
+        return subject
+
+    for path in files.recordings:
+        try:
+            tracks = read(path)
+        except MocapFitError as error:
+            found.append(failed(error, str(path), files.name))
+            continue
+        if isinstance(tracks, PoseTracks):
+            continue
+        if isinstance(tracks, MarkerTracks):
+            one = free("markers")
+            one.files["markers"], one.markers = str(path), tracks
+        else:
+            one = free("parameters")
+            one.files["parameters"], one.parameters = str(path), tracks
+    subject = subjects[0]
+    for path in files.sounds:
+        try:
+            sound = read_sound(path)
+        except MocapFitError as error:
+            found.append(failed(error, str(path), files.name))
+            continue
+        one = free("sound")
+        one.files["sound"], one.sound = str(path), sound
+    subject = subjects[0]
+    for path in files.labels:
+        try:
+            utterances = read_all_labels(path)
+        except MocapFitError as error:
+            found.append(failed(error, str(path), files.name))
+            continue
+        for labels in utterances:
+            one = free("labels")
+            if len(utterances) > 1:
+                one.name = labels.name
+            one.files["labels"] = str(path)
+            found += _phone_tier(one, labels, phone_set)
+    return [one for one in subjects if one.files], found
+
+
+def _phone_tier(subject: Subject, labels: Labels, phone_set: PhoneSet | None) -> Iterator[Finding]:
+    try:
+        tier = find_phone_tier(labels, phone_set)
+        end = labels.end if tier.end is None else tier.end
+        subject.tier = dataclasses.replace(tier, end=end)
+    except DataError as error:
+        yield failed(error, subject.files["labels"], subject.name).replace(code="MF210")

@@ -1,0 +1,300 @@
+"""Shapes of sets of markers: a recording's typical one, the expected one, one laid on another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_fit.errors import ConfigurationError
+from mocap_fit.fitting import Layout, load_layout
+from mocap_fit.fitting.layout import shipped_layouts
+from mocap_fit.tracks import FloatArray, MarkerTracks, rigid_transforms, spread
+from mocap_fit.tracks.robust import robust_rigid_transforms
+
+# Frames that are looked at to find a shape.
+_SAMPLE = 400
+# A shipped layout is taken where a recording has as many of its markers.
+_KNOWN_SHARE = 0.8
+_AXES = "xyz"
+
+
+@dataclass(frozen=True, eq=False)
+class Stilled:
+    """A recording without the head's motion.
+
+    Parameters
+    ----------
+    positions
+        `(frames, markers, 3)`, millimetres, in the coordinates of the typical shape; NaN where a
+        marker or the pose is missing.
+    shape
+        `(markers, 3)`: the median over the frames; NaN for markers that are never seen.
+    residuals
+        `(frames,)`, millimetres: of the markers that the pose rests on.
+    off
+        `(frames, head markers)`: how far each head marker is from where the pose of the others
+        puts it, millimetres; 0 where it was not left out of the pose.
+    mean_rotation, mean_translation
+        `(3, 3)` and `(3,)`: the middle pose, from these coordinates to the recording's.
+    """
+
+    positions: FloatArray
+    shape: FloatArray
+    residuals: FloatArray
+    off: FloatArray
+    mean_rotation: FloatArray
+    mean_translation: FloatArray
+
+    @property
+    def placed(self) -> FloatArray:
+        """The shape at the middle pose in the recording's coordinates, `(markers, 3)`."""
+        return np.asarray(self.shape @ self.mean_rotation.T + self.mean_translation)
+
+
+def seen_median(values: FloatArray) -> FloatArray:
+    """Median over the first axis of what is there; NaN where nothing is."""
+    flat = values.reshape(len(values), -1)
+    middle = np.full(flat.shape[1], np.nan)
+    some = ~np.isnan(flat).all(axis=0)
+    middle[some] = np.nanmedian(flat[:, some], axis=0)
+    result: FloatArray = middle.reshape(values.shape[1:])
+    return result
+
+
+def back(positions: FloatArray, rotations: FloatArray, translations: FloatArray) -> FloatArray:
+    """Positions `(frames, markers, 3)` in the coordinates that the poses lead from."""
+    return np.asarray(np.einsum("fji,fpj->fpi", rotations, positions - translations[:, None, :]))
+
+
+def typical_shape(positions: FloatArray, rounds: int = 4) -> FloatArray:
+    """The median shape of markers, `(markers, 3)`, as the most complete frame has it placed."""
+    sample = positions[:: max(1, len(positions) // _SAMPLE)]
+    counts = (~np.isnan(sample[:, :, 0])).sum(axis=1)
+    shape: FloatArray = sample[int(np.argmax(counts))]
+    for _ in range(rounds):
+        rotations, translations, residuals = rigid_transforms(shape, sample)
+        if np.isnan(residuals).all():
+            break
+        shape = seen_median(back(sample, rotations, translations))
+    return shape
+
+
+def stilled(recording: MarkerTracks, head: Sequence[int]) -> Stilled | None:
+    """Take the head's motion out of a recording, by its head markers or, without, by all.
+
+    Parameters
+    ----------
+    recording
+        Markers in any coordinates.
+    head
+        Which of them are rigid with the head; four or more of them are believed.
+
+    Returns
+    -------
+    Stilled or None
+        None where no frame shows three markers that are not on a line.
+    """
+    positions = recording.positions
+    if not len(positions):
+        return None
+    chosen = np.array(head if len(head) >= 4 else range(positions.shape[1]), dtype=np.intp)
+    shape = typical_shape(positions[:, chosen])
+    if (~np.isnan(shape[:, 0])).sum() < 3:
+        return None
+    off = np.zeros((len(positions), len(head)))
+    if len(head) >= 4:
+        fit = robust_rigid_transforms(shape, positions[:, chosen])
+        rotations, translations, residuals = fit.rotations, fit.translations, fit.residuals
+        places = np.einsum("fij,pj->fpi", rotations, shape) + translations[:, None, :]
+        distances = np.linalg.norm(positions[:, chosen] - places, axis=2)
+        off = np.where(fit.rejected & ~np.isnan(distances), distances, 0.0)
+    else:
+        rotations, translations, residuals = rigid_transforms(shape, positions[:, chosen])
+    known = ~np.isnan(residuals)
+    if not known.any():
+        return None
+    left, _, right = np.linalg.svd(rotations[known].sum(axis=0))
+    left[:, 2] *= np.sign(np.linalg.det(left @ right))
+    still = back(positions, rotations, translations)
+    return Stilled(
+        still,
+        seen_median(still),
+        residuals,
+        off,
+        left @ right,
+        np.median(translations[known], axis=0),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """How one shape is laid on another: ``target ≈ scale matrix source + shift``.
+
+    Parameters
+    ----------
+    matrix
+        `(3, 3)`, a rotation, or a rotation of the mirror image.
+    scale
+        Above 0.
+    misfit
+        Root (weighted) mean square distance, millimetres of the target.
+    distances
+        `(points,)`; NaN where a point is in one shape alone.
+    mirrored
+        Whether the mirror image fits clearly better.
+    """
+
+    matrix: FloatArray
+    scale: float
+    misfit: float
+    distances: FloatArray
+    mirrored: bool
+
+
+def lay_on(source: FloatArray, target: FloatArray, gain: float, scaled: bool) -> Fitted | None:
+    """Lay a shape on another one, not following a few points that are elsewhere.
+
+    Parameters
+    ----------
+    source, target
+        `(points, 3)`; NaN is missing.
+    gain
+        The mirror image is taken where its misfit is this part of the shape's own, or less.
+    scaled
+        Whether sizes may differ.
+
+    Returns
+    -------
+    Fitted or None
+        None where fewer than four points are in both, or they are on a line.
+    """
+    both = ~(np.isnan(source).any(axis=1) | np.isnan(target).any(axis=1))
+    if both.sum() < 4 or not _wide(source[both]) or not _wide(target[both]):
+        return None
+    mirror = np.diag([-1.0, 1.0, 1.0])
+    plain = _robust(source[both], target[both], scaled)
+    other = _robust(source[both] @ mirror, target[both], scaled)
+    # A set that is nearly flat is its own mirror image, turned round.
+    mirrored = other[2] < gain * plain[2]
+    matrix, scale, misfit, distances = other if mirrored else plain
+    every = np.full(len(source), np.nan)
+    every[both] = distances
+    return Fitted(matrix @ mirror if mirrored else matrix, scale, misfit, every, mirrored)
+
+
+def _wide(points: FloatArray) -> bool:
+    lengths = spread(points)
+    return bool(lengths[1] > 0.02 * lengths[0] > 0)
+
+
+def _robust(
+    source: FloatArray, target: FloatArray, scaled: bool
+) -> tuple[FloatArray, float, float, FloatArray]:
+    weights = np.ones(len(source))
+    scale = 1.0
+    rotation = np.eye(3)
+    distances = np.zeros(len(source))
+    for _ in range(8):
+        total = weights.sum()
+        middle, goal = weights @ source / total, weights @ target / total
+        one, other = source - middle, target - goal
+        left, values, right = np.linalg.svd((other * weights[:, None]).T @ one)
+        sign = np.sign(np.linalg.det(left @ right))
+        left[:, 2] *= sign
+        rotation = left @ right
+        if scaled:
+            size = values[0] + values[1] + sign * values[2]
+            scale = float(size / (weights @ (one**2).sum(axis=1)))
+        distances = np.linalg.norm(other - scale * one @ rotation.T, axis=1)
+        usual = max(1.5 * float(np.median(distances)), 1e-9)
+        weights = 1.0 / (1.0 + (distances / usual) ** 2)
+    misfit = float(np.sqrt(weights @ distances**2 / weights.sum()))
+    return rotation, scale, misfit, distances
+
+
+def in_words(matrix: FloatArray) -> tuple[str, str]:
+    """What a matrix nearest to the unit matrix does to axes, and the axes concerned.
+
+    Returns
+    -------
+    kind
+        ``same``, ``reversed`` (axes point the other way), ``exchanged`` or ``turned``.
+    words
+        In words.
+    """
+    nearest = np.zeros((3, 3))
+    left = np.abs(matrix).copy()
+    for _ in range(3):
+        row, column = divmod(int(np.argmax(left)), 3)
+        nearest[row, column] = np.sign(matrix[row, column]) or 1.0
+        left[row, :], left[:, column] = -1.0, -1.0
+    if np.array_equal(nearest, np.eye(3)):
+        return "same", "the axes are the same"
+    diagonal = np.diag(nearest)
+    if (diagonal != 0).all():
+        names = [_AXES[k] for k in range(3) if diagonal[k] < 0]
+        return "reversed", f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'} reversed"
+    parts = []
+    for row in range(3):
+        column = int(np.argmax(np.abs(nearest[row])))
+        if column != row or nearest[row, column] < 0:
+            sign = "-" if nearest[row, column] < 0 else ""
+            parts.append(f"{_AXES[row]} is {sign}{_AXES[column]}")
+    if (nearest >= 0).all() and len(parts) == 2:
+        names = [_AXES[k] for k in range(3) if diagonal[k] == 0]
+        return "exchanged", f"{names[0]} and {names[1]} are exchanged"
+    return "turned", f"{', '.join(parts)} of the others"
+
+
+def directions(matrix: FloatArray) -> str:
+    """Where the speaker's left, up and forward point in a recording, in words."""
+    said = []
+    for column, name in enumerate(("left", "up", "forward")):
+        axis = int(np.argmax(np.abs(matrix[:, column])))
+        sign = "-" if matrix[axis, column] < 0 else "+"
+        said.append(f"{name} is {sign}{_AXES[axis]}")
+    return ", ".join(said)
+
+
+def known_layout(names: Sequence[str]) -> Layout | None:
+    """The shipped layout that most of its markers' names say; None where none does."""
+    best, found = _KNOWN_SHARE, None
+    for name in shipped_layouts():
+        layout = load_layout(name)
+        wanted = [marker.name for marker in layout.markers]
+        share = sum(marker in names for marker in wanted) / len(wanted)
+        if share > best:
+            best, found = share, layout
+    return found
+
+
+def expected_places(layout: Layout, names: Sequence[str]) -> FloatArray:
+    """Where a layout's markers are on the built-in head, `(markers, 3)`; NaN where it says nothing.
+
+    Parameters
+    ----------
+    layout
+        Its markers' feature points and positions are read.
+    names
+        The markers, in order.
+    """
+    from mocap_fit.face.builtin import built_in_head
+
+    head = built_in_head()
+    normals = head.normals()
+    places = np.full((len(names), 3), np.nan)
+    for marker in layout.markers:
+        if marker.name not in names:
+            continue
+        row = list(names).index(marker.name)
+        if marker.position is not None:
+            places[row] = marker.position
+        elif marker.feature_point is not None:
+            try:
+                vertex = head.feature_point(marker.feature_point)
+            except ConfigurationError:
+                continue
+            places[row] = head.vertices[vertex] + layout.marker_offset * normals[vertex]
+    return places

@@ -1,0 +1,217 @@
+"""Checks of sound: clipping, silence, and the clocks of sound and recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from corpus_tools.validation.findings import Finding, Place
+from corpus_tools.validation.labels import Loudness
+from corpus_tools.validation.thresholds import Thresholds
+from mocap_fit.errors import DataError
+from mocap_fit.sound import Sound, decode_pulses
+from mocap_fit.tracks import FloatArray
+from mocap_fit.tracks.gaps import runs
+
+_STEP = 0.01
+# Hertz.
+_BAND = (200.0, 4000.0)
+_TENTH = 0.1
+
+
+def loudness(sound: Sound) -> Loudness:
+    """Energy every hundredth of a second, over a fortieth, of the band that speech is in.
+
+    Rumble of a room or a car is below, and is no sign of speech.
+    """
+    from scipy.signal import butter, sosfilt
+
+    samples = sound.samples.mean(axis=1)
+    if 0.45 * sound.rate > 2 * _BAND[0]:
+        band = (_BAND[0], min(_BAND[1], 0.45 * sound.rate))
+        samples = sosfilt(butter(2, band, "bandpass", fs=sound.rate, output="sos"), samples)
+    half = max(1, round(0.0125 * sound.rate))
+    sums = np.concatenate([[0.0], np.cumsum(samples**2)])
+    centres = np.arange(0, len(samples), max(1, round(_STEP * sound.rate)))
+    low, high = np.maximum(centres - half, 0), np.minimum(centres + half, len(samples))
+    power = (sums[high] - sums[low]) / (high - low)
+    return Loudness(centres / sound.rate, 10 * np.log10(np.maximum(power, 1e-10)))
+
+
+def check_sound(sound: Sound, place: Place, limits: Thresholds) -> Iterator[Finding]:
+    """Find sound that is clipped or silent.
+
+    Parameters
+    ----------
+    sound
+        Speech; a channel of pulses is looked at by `check_pulses`.
+    place
+        The file, and the utterance.
+    limits
+        What counts as wrong.
+    """
+    rules = limits.sound
+    for number in range(1, sound.channels + 1):
+        channel = sound.channel(number)
+        top = float(np.abs(channel).max())
+        flat = (np.abs(channel) >= rules.clipped_level * top) & (top >= rules.clipped_level)
+        clipped = [run for run in runs(flat) if run.stop - run.start >= rules.clipped_run]
+        count = sum(run.stop - run.start for run in clipped)
+        if count > rules.clipped_share * len(channel):
+            first = clipped[0].start / sound.rate
+            last = clipped[-1].stop / sound.rate
+            yield Finding(
+                "MF401",
+                Place(place.file, place.utterance, f"channel {number}", None, (first, last)),
+                f"{count} samples at full scale, in {len(clipped)} places",
+                f"at most {rules.clipped_share:.2%} of the samples",
+            )
+    levels = tenths(sound)
+    loudest = float(levels.max())
+    if loudest < rules.silent_db or loudest - float(levels.min()) < rules.speech_over_noise:
+        yield Finding(
+            "MF402",
+            place,
+            f"the loudest tenth of a second has {loudest:.0f} dB, the quietest "
+            f"{levels.min():.0f} dB",
+            f"more than {rules.silent_db:g} dB, and {rules.speech_over_noise:g} dB apart",
+        )
+
+
+def tenths(sound: Sound) -> FloatArray:
+    """Energy of every tenth of a second, decibels, `(tenths,)`."""
+    size = max(1, round(_TENTH * sound.rate))
+    samples = sound.samples.mean(axis=1)
+    whole = len(samples) // size * size
+    parts = samples[:whole].reshape(-1, size) if whole else samples[None]
+    return np.asarray(10 * np.log10(np.maximum((parts**2).mean(axis=1), 1e-10)))
+
+
+def check_lengths(
+    frames: int,
+    rate: float,
+    start_time: float,
+    sound_end: float,
+    labels_end: float | None,
+    place: Place,
+    limits: Thresholds,
+) -> Iterator[Finding]:
+    """Compare the lengths of a recording, its sound and its labels.
+
+    What two of the three agree on is taken for right: a recording that differs has another rate
+    than it says, a sound that differs was cut.
+
+    Parameters
+    ----------
+    frames, rate, start_time
+        Of the recording; hertz and seconds.
+    sound_end, labels_end
+        Seconds; None where there are no labels.
+    place
+        The file, and the utterance.
+    limits
+        What counts as wrong.
+    """
+    rules = limits.time
+
+    def differ(one: float, other: float) -> bool:
+        allowed: float = max(rules.length, rules.length_share * max(one, other))
+        return abs(one - other) > allowed
+
+    recorded = start_time + frames / rate
+    if not differ(recorded, sound_end):
+        return
+    likely = frames / max(sound_end - start_time, 1e-9)
+    if labels_end is not None and not differ(labels_end, sound_end):
+        ratio = likely / rate
+        # Labels may stop before the recording does; only the recording can be stretched.
+        yield Finding(
+            "MF141",
+            place,
+            f"{frames} frames at {rate:g} Hz last until {recorded:.3f} s; sound and labels end at "
+            f"{sound_end:.3f} s",
+            f"about {likely:.4g} Hz ({ratio:.3g} times), or a recording of {sound_end:.3f} s",
+        )
+        return
+    cut = labels_end is not None and not differ(labels_end, recorded)
+    yield Finding(
+        "MF143",
+        place,
+        f"the recording ends at {recorded:.3f} s, the sound at {sound_end:.3f} s"
+        + (", the labels with the recording" if cut else ""),
+        "the same length"
+        + (": the sound was cut" if cut and sound_end < recorded else f", or {likely:.4g} Hz"),
+    )
+
+
+def check_pulses(
+    sound: Sound, rate: float, frames: int, place: Place, limits: Thresholds
+) -> tuple[int | None, list[Finding]]:
+    """Look for a channel with a pulse a frame, and compare the clocks.
+
+    Parameters
+    ----------
+    sound
+        Of two or more channels.
+    rate, frames
+        Of the recording.
+    place
+        The file, and the utterance.
+    limits
+        What counts as wrong.
+
+    Returns
+    -------
+    channel
+        The number of the channel; None where there is none.
+    findings
+        What is wrong with it.
+    """
+    for number in range(1, sound.channels + 1):
+        try:
+            train = decode_pulses(sound.channel(number), sound.rate, rate)
+        except DataError:
+            continue
+        where = Place(place.file, place.utterance, f"channel {number}")
+        found = list(clock_findings(train.drift_ppm, train.residual or 0.0, where, limits))
+        heard = float(train.heard.sum()) / max(1, frames)
+        if train.frames != frames or heard < limits.time.pulses_heard:
+            found.append(
+                Finding(
+                    "MF146",
+                    where,
+                    f"{int(train.heard.sum())} pulses, {int((~train.heard).sum())} missing",
+                    f"{frames}, one a frame",
+                )
+            )
+        return number, found
+    return None, []
+
+
+def clock_findings(
+    drift_ppm: float, residual: float, place: Place, limits: Thresholds
+) -> Iterator[Finding]:
+    """Judge the drift between two clocks, and the scatter of the pulses.
+
+    Parameters
+    ----------
+    drift_ppm
+        Millionths.
+    residual
+        Seconds.
+    place
+        The file, and the utterance.
+    limits
+        What counts as wrong.
+    """
+    rules = limits.time
+    if abs(drift_ppm) > rules.drift:
+        yield Finding("MF145", place, f"{drift_ppm:+.0f} ppm", f"at most {rules.drift:g} ppm")
+    if residual > rules.pulse_residual:
+        yield Finding(
+            "MF146",
+            place,
+            f"pulses scatter by {1000 * residual:.2f} ms about an even clock",
+            f"at most {1000 * rules.pulse_residual:g} ms",
+        )

@@ -1,0 +1,390 @@
+"""The checks of one utterance: of whatever there is of it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from corpus_tools.validation import geometry, shapes
+from corpus_tools.validation.findings import Finding, Place
+from corpus_tools.validation.geometry import Shape
+from corpus_tools.validation.labels import Around, check_phone_tier
+from corpus_tools.validation.markers import check_markers
+from corpus_tools.validation.parameters import Closure, check_parameters, closures
+from corpus_tools.validation.sounds import (
+    check_lengths,
+    check_pulses,
+    check_sound,
+    clock_findings,
+    loudness,
+)
+from corpus_tools.validation.thresholds import Thresholds
+from mocap_fit.errors import ConfigurationError, DataError
+from mocap_fit.face import Rig
+from mocap_fit.face.lips import lip_gap
+from mocap_fit.fitting import Layout
+from mocap_fit.io import Tier
+from mocap_fit.phones import PhoneSet
+from mocap_fit.sound import Sound, estimate_offset
+from mocap_fit.tracks import MarkerTracks, ParameterTracks, Provenance
+
+
+@dataclass(frozen=True, eq=False)
+class Context:
+    """What all utterances share.
+
+    Parameters
+    ----------
+    limits
+        What counts as wrong.
+    layout
+        The marker layout; found from the markers' names where it is None.
+    rig
+        The face; None where it is not known.
+    phone_set
+        None where it is not known.
+    rate
+        Hertz that the recordings should have; None where it is not known.
+    """
+
+    limits: Thresholds
+    layout: Layout | None = None
+    rig: Rig | None = None
+    phone_set: PhoneSet | None = None
+    rate: float | None = None
+
+
+@dataclass
+class Subject:
+    """What there is of an utterance; None where it is not there or cannot be read.
+
+    Parameters
+    ----------
+    name, speaker, session, split, text
+        Of the utterance.
+    markers, parameters, tier, sound
+        Its data; the tier is that of the phones.
+    files
+        Where each is, as the user named it, by the names of the data.
+    on_one_clock
+        Whether the times of recording and labels are those of the sound.
+    """
+
+    name: str
+    speaker: str = ""
+    session: str = ""
+    split: str = ""
+    text: str = ""
+    markers: MarkerTracks | None = None
+    parameters: ParameterTracks | None = None
+    tier: Tier | None = None
+    sound: Sound | None = None
+    files: dict[str, str] = field(default_factory=dict)
+    on_one_clock: bool = False
+
+    def place(self, part: str) -> Place:
+        """The file of a part, and the utterance."""
+        return Place(self.files.get(part, ""), self.name)
+
+
+@dataclass(frozen=True, eq=False)
+class Summary:
+    """What is kept of an utterance, when its data are let go.
+
+    Parameters
+    ----------
+    name, speaker, session, split, text
+        Of the utterance.
+    place, sound_place
+        Its most telling file, and that of its sound.
+    prints
+        Sums over recording, parameters and sound, by what they are of.
+    figures
+        Numbers for the report.
+    shape
+        Of the markers.
+    closures
+        The lips in every bilabial.
+    lips
+        Their gap when closed and when wide open, millimetres.
+    offset
+        How late the frames are by lips and sound, seconds, and the correlation.
+    gaps
+        Part of the frames in which each marker is missing.
+    reach
+        Of each parameter, what one frame in a hundred is below, and what is above.
+    """
+
+    name: str
+    speaker: str
+    session: str
+    split: str
+    text: str
+    place: Place
+    sound_place: Place
+    prints: dict[str, str]
+    figures: dict[str, float]
+    shape: Shape | None
+    closures: list[Closure]
+    lips: tuple[float, float] | None
+    offset: tuple[float, float] | None
+    gaps: dict[str, float]
+    reach: dict[str, tuple[float, float]]
+
+
+def check_subject(subject: Subject, context: Context) -> tuple[list[Finding], Summary]:
+    """Check all there is of an utterance.
+
+    Parameters
+    ----------
+    subject
+        Its data.
+    context
+        What it is compared with.
+
+    Returns
+    -------
+    findings
+        What is wrong.
+    summary
+        What the checks of a whole corpus need of it.
+    """
+    limits = context.limits
+    found: list[Finding] = []
+    shape = None
+    figures: dict[str, float] = {}
+    gaps: dict[str, float] = {}
+    if subject.markers is not None:
+        more, shape = check_recording(subject.markers, context, subject.place("markers"))
+        found += more
+        missing = (~subject.markers.visible).mean(axis=0) if subject.markers.frames else []
+        gaps = dict(zip(subject.markers.names, map(float, missing), strict=False))
+    sound, pulses = subject.sound, None
+    if sound is not None:
+        figures |= {"sound_s": sound.duration, "sound_rate": sound.rate}
+        sound, pulses, more = _without_pulses(subject, limits)
+        found += more
+        found += check_sound(sound, subject.place("sound"), limits)
+    tracks: MarkerTracks | ParameterTracks | None = subject.parameters
+    if tracks is None:
+        tracks = subject.markers
+    if tracks is not None:
+        figures |= {"frames": tracks.frames, "rate": tracks.rate, "recording_s": tracks.duration}
+        part = "parameters" if tracks is subject.parameters else "markers"
+        found += _rate(tracks, context, subject.place(part))
+        found += _clock(tracks.provenance, subject.place(part), limits)
+        if sound is not None and pulses is None:
+            found += _lengths(subject, tracks, sound, part, limits)
+    found += _labels(subject, sound, tracks, context)
+    closed: list[Closure] = []
+    lips = offset = None
+    reach: dict[str, tuple[float, float]] = {}
+    if subject.parameters is not None:
+        params = subject.parameters
+        varies = context.layout is not None and context.layout.size_varies
+        place = subject.place("parameters")
+        found += check_parameters(params, context.rig, varies, place, limits)
+        there = np.isfinite(params.values).all(axis=1)
+        if there.any():
+            low, high = np.quantile(params.values[there], (0.01, 0.99), axis=0)
+            pairs = zip(low.tolist(), high.tolist(), strict=True)
+            reach = dict(zip(params.names, pairs, strict=True))
+        residuals = params.residuals[np.isfinite(params.residuals)]
+        if len(residuals):
+            figures["residual_mm"] = float(np.median(residuals))
+        rig = context.rig
+        if rig is not None and tuple(rig.parameter_names) == params.names and there.any():
+            closed, lips, offset = _lips(subject, params, rig, sound, context)
+    summary = Summary(
+        subject.name,
+        subject.speaker,
+        subject.session,
+        subject.split,
+        subject.text,
+        subject.place(next(iter(subject.files), "")),
+        subject.place("sound"),
+        _prints(subject),
+        figures,
+        shape,
+        closed,
+        lips,
+        offset,
+        gaps,
+        reach,
+    )
+    return found, summary
+
+
+def check_recording(
+    recording: MarkerTracks, context: Context, place: Place
+) -> tuple[list[Finding], Shape | None]:
+    """Check the markers of a recording.
+
+    Returns
+    -------
+    findings
+        What is wrong with it by itself.
+    shape
+        To be compared with others; None where nothing can be told.
+    """
+    layout = context.layout or shapes.known_layout(recording.names)
+    found: list[Finding] = []
+    head: list[int] = []
+    if layout is not None:
+        found += geometry.check_layout(recording, layout, place)
+        names = {marker.name for marker in layout.head_markers}
+        head = [k for k, name in enumerate(recording.names) if name in names]
+    still = shapes.stilled(recording, head)
+    found += check_markers(
+        recording, None if still is None else still.positions, place, context.limits
+    )
+    if still is None:
+        if recording.frames and recording.visible.any():
+            found.append(
+                Finding("MF126", place, "in no frame", "three markers that are not on a line")
+            )
+        return found, None
+    found += geometry.check_head(recording, still, head, place, context.limits)
+    return found, geometry.summarise(recording, still, layout, place, context.limits)
+
+
+def _without_pulses(
+    subject: Subject, limits: Thresholds
+) -> tuple[Sound, int | None, list[Finding]]:
+    """The sound without a channel of pulses, its number, and what the pulses say."""
+    sound = subject.sound
+    assert sound is not None
+    tracks = subject.markers
+    if sound.channels < 2 or tracks is None or subject.on_one_clock:
+        return sound, None, []
+    channel, found = check_pulses(sound, tracks.rate, tracks.frames, subject.place("sound"), limits)
+    return sound if channel is None else sound.without_channel(channel), channel, found
+
+
+def _rate(
+    tracks: MarkerTracks | ParameterTracks, context: Context, place: Place
+) -> Iterator[Finding]:
+    wanted = context.rate
+    if wanted is not None and abs(tracks.rate / wanted - 1) > context.limits.time.rate:
+        yield Finding("MF141", place, f"{tracks.rate:g} Hz", f"{wanted:g} Hz, as the others")
+
+
+def _clock(provenance: Provenance, place: Place, limits: Thresholds) -> Iterator[Finding]:
+    """What the conversion noted of the clocks."""
+    steps = [step for step in provenance if step.name == "synchronise"]
+    if not steps:
+        return
+    noted = steps[-1].arguments
+    if noted.get("is_estimate"):
+        correlation = noted.get("correlation")
+        with_it = "" if correlation is None else f", correlation {correlation:.2f}"
+        yield Finding(
+            "MF144",
+            place,
+            f"start time {noted['start_time']:.3f} s, from lips and energy{with_it}",
+            "pulses",
+        )
+    if noted.get("drift_ppm") is not None:
+        yield from clock_findings(
+            float(noted["drift_ppm"]), float(noted.get("residual") or 0.0), place, limits
+        )
+
+
+def _lengths(
+    subject: Subject,
+    tracks: MarkerTracks | ParameterTracks,
+    sound: Sound,
+    part: str,
+    limits: Thresholds,
+) -> Iterator[Finding]:
+    ends = [entry.end for entry in subject.tier.entries] if subject.tier is not None else []
+    if subject.on_one_clock:
+        yield from check_lengths(
+            tracks.frames,
+            tracks.rate,
+            tracks.start_time,
+            sound.duration,
+            max(ends, default=None),
+            subject.place(part),
+            limits,
+        )
+    elif tracks.duration > sound.duration + limits.time.length or (
+        sound.duration - tracks.duration > limits.time.length_apart
+    ):
+        yield Finding(
+            "MF143",
+            subject.place(part),
+            f"the recording lasts {tracks.duration:.3f} s, the sound {sound.duration:.3f} s",
+            f"a sound that is up to {limits.time.length_apart} s longer",
+        )
+
+
+def _labels(
+    subject: Subject,
+    sound: Sound | None,
+    tracks: MarkerTracks | ParameterTracks | None,
+    context: Context,
+) -> Iterator[Finding]:
+    if subject.tier is None:
+        return
+    recorded = None
+    if tracks is not None and tracks.frames and (subject.on_one_clock or sound is None):
+        times = tracks.times
+        recorded = (float(times[0]), float(times[-1]) + 1 / tracks.rate)
+    around = Around(
+        context.phone_set,
+        recorded,
+        None if sound is None else sound.duration,
+        None if sound is None else loudness(sound),
+    )
+    yield from check_phone_tier(subject.tier, around, subject.place("labels"), context.limits)
+
+
+def _lips(
+    subject: Subject,
+    tracks: ParameterTracks,
+    rig: Rig,
+    sound: Sound | None,
+    context: Context,
+) -> tuple[list[Closure], tuple[float, float] | None, tuple[float, float] | None]:
+    """Closures, how far the lips open, and where the sound says that the first frame is."""
+    try:
+        gaps = lip_gap(rig, tracks.values)
+    except (ConfigurationError, DataError):
+        # A mesh of one's own may not say where its lips are.
+        return [], None, None
+    entries = [] if subject.tier is None else list(subject.tier.entries)
+    closed: list[Closure] = []
+    if context.phone_set is not None:
+        closed = closures(
+            tracks, gaps, entries, context.phone_set, subject.place("labels"), context.limits
+        )
+    low, high = np.quantile(gaps[np.isfinite(gaps)], (0.05, 0.95))
+    offset = None
+    if sound is not None and subject.on_one_clock:
+        try:
+            estimate = estimate_offset(gaps, tracks.rate, sound, about=tracks.start_time)
+        except DataError:
+            estimate = None
+        if estimate is not None:
+            offset = (tracks.start_time - estimate.start_time, estimate.correlation)
+    return closed, (float(low), float(high)), offset
+
+
+def _prints(subject: Subject) -> dict[str, str]:
+    """Sums over the data alone, whatever it is called."""
+    prints = {}
+    if subject.markers is not None:
+        prints["recording"] = _sum(np.round(subject.markers.positions, 4))
+    if subject.parameters is not None:
+        prints["parameters"] = _sum(np.round(subject.parameters.values, 9))
+    if subject.sound is not None:
+        prints["sound"] = _sum(np.round(subject.sound.samples, 6))
+    return prints
+
+
+def _sum(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> str:
+    return hashlib.sha256(np.nan_to_num(values + 0.0, nan=1e9).tobytes()).hexdigest()

@@ -1,0 +1,145 @@
+"""Thresholds: what counts as wrong. The defaults are ``thresholds.toml`` beside this module."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from corpus_tools.validation.findings import Finding, Severity, codes
+from mocap_fit.errors import ConfigurationError
+
+OFF = "off"
+
+
+class Section:
+    """The thresholds of a section, as attributes."""
+
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        self.__dict__.update(values)
+
+    def __getattr__(self, name: str) -> Any:
+        raise AttributeError(f"there is no threshold '{name}'")
+
+
+@dataclass(frozen=True, eq=False)
+class Thresholds:
+    """All thresholds; ``thresholds.toml`` says what each is.
+
+    Parameters
+    ----------
+    markers, shape, time, labels, parameters, sound, corpus, report
+        The sections.
+    severity
+        Codes whose severity is another than their own; ``off`` leaves them out.
+    """
+
+    markers: Section
+    shape: Section
+    time: Section
+    labels: Section
+    parameters: Section
+    sound: Section
+    corpus: Section
+    report: Section
+    severity: Mapping[str, str]
+
+    def graded(self, finding: Finding) -> Finding | None:
+        """The finding with the severity that the user wants, or None."""
+        wanted = self.severity.get(finding.code)
+        if wanted is None:
+            return finding
+        return None if wanted == OFF else finding.replace(severity=Severity(wanted))
+
+    def as_record(self) -> dict[str, Any]:
+        """All of them as plain values."""
+        sections = {name: value for name, value in vars(self).items() if name != "severity"}
+        return {
+            **{name: dict(vars(section)) for name, section in sections.items()},
+            "severity": dict(self.severity),
+        }
+
+
+def load_thresholds(path: Path | None = None) -> Thresholds:
+    """The default thresholds, and over them those of a user's file.
+
+    Parameters
+    ----------
+    path
+        A TOML file with some of the lines of the defaults.
+
+    Raises
+    ------
+    ConfigurationError
+        If it cannot be read, names a threshold that there is not, or a value is of another kind
+        than the default.
+    """
+    text = resources.files(__package__).joinpath("thresholds.toml").read_text("utf-8")
+    content = tomllib.loads(text)
+    for section, values in {} if path is None else _given(path).items():
+        if section not in content or not isinstance(values, dict):
+            raise ConfigurationError(
+                f"there is no section '{section}' of thresholds",
+                path=path,
+                expected=f"one of {', '.join(content)}",
+            )
+        for name, value in values.items():
+            _check(path, section, name, value, content[section])
+            content[section][name] = value
+    severity = content.pop("severity")
+    return Thresholds(**{k: Section(v) for k, v in content.items()}, severity=severity)
+
+
+def _given(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise ConfigurationError(
+            "the thresholds cannot be read", path=path, found=error.strerror
+        ) from None
+    except ValueError as error:
+        raise ConfigurationError("the thresholds are not TOML", path=path, found=error) from None
+
+
+def _check(
+    path: Path | None, section: str, name: str, value: object, defaults: Mapping[str, Any]
+) -> None:
+    place = f"{section}.{name}"
+    if section == "severity":
+        allowed = [severity.value for severity in Severity] + [OFF]
+        if name not in codes():
+            raise ConfigurationError(
+                f"there is no code '{name}'",
+                path=path,
+                advice="mocap-fit validate --codes lists them all.",
+            )
+        if value not in allowed:
+            raise ConfigurationError(
+                f"{place} is no severity", path=path, found=value, expected=", ".join(allowed)
+            )
+        return
+    if name not in defaults:
+        raise ConfigurationError(
+            f"there is no threshold '{place}'",
+            path=path,
+            expected=f"one of {', '.join(defaults)}",
+        )
+    default = defaults[name]
+    if isinstance(default, list):
+        fine = isinstance(value, list) and all(isinstance(item, str) for item in value)
+        expected = "a list of names"
+    elif isinstance(default, int):
+        whole = section == "report" or name.endswith(("frames", "run", "utterances", "text"))
+        fine = isinstance(value, int if whole else (int, float)) and not isinstance(value, bool)
+        fine = fine and (not whole or value >= 1)  # type: ignore[operator]
+        expected = "a whole number from 1" if whole else "a number"
+    else:
+        fine = isinstance(value, (int, float)) and not isinstance(value, bool) and value == value
+        expected = "a number"
+    if not fine:
+        raise ConfigurationError(
+            f"{place} has a wrong value", path=path, found=repr(value), expected=expected
+        )

@@ -1,0 +1,80 @@
+"""`trajectory` and `jacobian` of dominance.py, compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numba
+import numpy as np
+
+from mocap_fit.control.dominance import CUT, Frames
+from mocap_fit.tracks import FloatArray
+
+_compiled: Any = numba.njit(cache=True, error_model="numpy", nogil=True)
+
+
+def trajectory(free: FloatArray, frames: Frames) -> FloatArray:
+    """The trajectory, `(frames,)`; see dominance.py."""
+    values = np.empty(len(frames))
+    _run(*_arguments(free, frames), values, np.empty((0, 0)))
+    return values
+
+
+def jacobian(free: FloatArray, frames: Frames) -> tuple[FloatArray, FloatArray]:
+    """The trajectory and its derivatives; see dominance.py."""
+    values = np.empty(len(frames))
+    derivatives = np.zeros((len(frames), 5 * len(frames.phones)))
+    _run(*_arguments(free, frames), values, derivatives)
+    return values, derivatives
+
+
+def _arguments(free: FloatArray, frames: Frames) -> tuple[Any, ...]:
+    own = np.ascontiguousarray(free[frames.phones].T)
+    own[4] = np.exp(own[4])
+    return own, frames.which, frames.first, frames.logarithms, frames.left
+
+
+@_compiled
+def _run(own, which, first, logarithms, left, values, derivatives):  # type: ignore[no-untyped-def]
+    frames, width = logarithms.shape
+    exponents, powers = np.empty(width), np.empty(width)
+    targets = own[0]
+    for frame in range(frames):
+        begin, before, count = first[frame], left[frame], 0
+        largest = -np.inf
+        for i in range(width):
+            logarithm = logarithms[frame, i]
+            if logarithm == np.inf:
+                break
+            count += 1
+            phone = which[begin + i]
+            slope = own[3, phone] if i < before else own[2, phone]
+            power = math.exp(slope + own[4, phone] * logarithm)
+            powers[i] = power
+            exponents[i] = own[1, phone] - power
+            largest = max(largest, exponents[i])
+        total, product = 0.0, 0.0
+        for i in range(count):
+            exponent = exponents[i] - largest
+            share = math.exp(exponent) if exponent > CUT else 0.0
+            exponents[i] = share
+            total += share
+            product += share * targets[which[begin + i]]
+        value = product / total
+        values[frame] = value
+        if derivatives.shape[0] == 0:
+            continue
+        row = derivatives[frame]
+        for i in range(count):
+            share = exponents[i] / total
+            if share == 0.0:
+                continue
+            phone = which[begin + i]
+            at = 5 * phone
+            by_alpha = share * (targets[phone] - value)
+            by_power = -by_alpha * powers[i]
+            row[at] += share
+            row[at + 1] += by_alpha
+            row[at + (3 if i < before else 2)] += by_power
+            row[at + 4] += by_power * own[4, phone] * logarithms[frame, i]

@@ -1,0 +1,89 @@
+"""The file of a trained model: arrays and JSON in one numpy archive, which runs nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mocap_fit.errors import FileFormatError
+
+FORMAT_VERSION = 1
+_HEADER = "header"
+
+
+def write_model_file(
+    header: Mapping[str, Any],
+    arrays: Mapping[str, np.ndarray[Any, Any]],
+    path: str | os.PathLike[str],
+) -> None:
+    """Write a header and arrays, whole or not at all; the same content gives the same bytes.
+
+    Parameters
+    ----------
+    header
+        Values that JSON can hold; ``format_version`` is added.
+    arrays
+        Numbers, by name.
+    path
+        The file; one that exists is replaced.
+    """
+    text = json.dumps({"format_version": FORMAT_VERSION, **header}, ensure_ascii=False)
+    target = Path(path)
+    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
+    try:
+        with open(partial, "wb") as stream:
+            content = np.frombuffer(text.encode(), dtype=np.uint8)
+            np.savez(stream, allow_pickle=False, **{_HEADER: content}, **arrays)
+        os.replace(partial, target)
+    except OSError as error:
+        raise FileFormatError(
+            "the model cannot be written",
+            path=path,
+            found=error.strerror,
+            advice="Check that the folder exists and may be written to.",
+        ) from None
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def read_model_file(
+    path: str | os.PathLike[str],
+) -> tuple[dict[str, Any], dict[str, np.ndarray[Any, Any]]]:
+    """Read what `write_model_file` wrote.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is none of these, is damaged, or of a later format.
+    """
+    try:
+        with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        header = json.loads(arrays.pop(_HEADER).tobytes().decode())
+        version = header["format_version"]
+    except OSError as error:
+        raise FileFormatError(
+            "the model cannot be read", path=path, found=error.strerror or error
+        ) from None
+    # A changed byte makes zip files, numpy and JSON raise almost anything.
+    except Exception as error:
+        raise FileFormatError(
+            "this is not a trained model of mocap-fit, or it is damaged",
+            path=path,
+            found=error,
+            expected="a file that mocap-fit train wrote",
+        ) from None
+    if version != FORMAT_VERSION:
+        raise FileFormatError(
+            "this model is of a format that this version of mocap-fit does not read",
+            path=path,
+            found=f"format_version {version}",
+            expected=FORMAT_VERSION,
+            advice="Update mocap-fit, or train it again.",
+        )
+    return header, arrays

@@ -1,0 +1,6 @@
+"""Recurrent networks from phones to face parameters: ANN 1 and ANN 2 (Beskow 4.4 and 4.5)."""
+
+from mocap_fit.control.networks.look_ahead_sweep import SweepPoint, look_ahead_sweep
+from mocap_fit.control.networks.models import LowLatencyNetworks, SymmetricNetworks
+
+__all__ = ["LowLatencyNetworks", "SweepPoint", "SymmetricNetworks", "look_ahead_sweep"]

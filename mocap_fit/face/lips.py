@@ -1,0 +1,52 @@
+"""How far the lips are apart."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mocap_fit.errors import DataError
+from mocap_fit.face.mesh import IndexArray
+from mocap_fit.face.rig import Rig, evaluate
+from mocap_fit.tracks import FloatArray
+
+# The middle of the inner upper lip and of the inner lower lip (MPEG-4).
+UPPER_LIP, LOWER_LIP = "2.2", "2.3"
+
+
+def lip_gap(rig: Rig, values: ArrayLike) -> FloatArray:
+    """How far the inner lips are apart in the middle, frame by frame.
+
+    Parameters
+    ----------
+    rig
+        A face whose mesh has the feature points 2.2 and 2.3.
+    values
+        `(frames, parameters)`, in the order of the rig.
+
+    Returns
+    -------
+    FloatArray
+        `(frames,)`, millimetres along the head's y axis; negative where the lips are pressed into
+        each other, NaN where a parameter is.
+
+    Raises
+    ------
+    DataError
+        If the shape is wrong, or the mesh lacks the points.
+    """
+    frames = np.asarray(values, dtype=np.float64)
+    names = rig.parameter_names
+    if frames.ndim != 2 or frames.shape[1] != len(names):
+        raise DataError(
+            "the parameters have the wrong shape",
+            found=frames.shape,
+            expected=f"(frames, {len(names)}): {', '.join(names)}",
+        )
+    lips: IndexArray = np.array([rig.mesh.feature_point(p) for p in (UPPER_LIP, LOWER_LIP)])
+    compiled = rig.compile(lips)
+    gaps = np.full(len(frames), np.nan)
+    for i in np.flatnonzero(np.isfinite(frames).all(axis=1)):
+        places = rig.deform(frames[i])[lips] if compiled is None else evaluate(compiled, frames[i])
+        gaps[i] = places[0, 1] - places[1, 1]
+    return gaps

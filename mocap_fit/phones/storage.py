@@ -1,0 +1,71 @@
+"""Phones to and from Parquet.
+
+One row a segment, with plain columns that pandas, polars and dask read as they are: `utterance`,
+`start` and `end` in seconds, `phone`, `stress` (0, 1, 2, or null where it is not marked), `word`
+and `energy_db` (null where it is not known). The phone set and the provenance are JSON in the
+schema's metadata. The same phones give the same bytes.
+"""
+
+from __future__ import annotations
+
+import os
+
+from mocap_fit.errors import DataError, FileFormatError
+from mocap_fit.phones.types import PhoneSegment, PhoneSequence
+from mocap_fit.tracks import Step
+from mocap_fit.tracks.parquet_file import damaged, read_table, write_table
+
+_COLUMNS = ("start", "end", "phone", "stress", "word", "energy_db")
+
+
+def write_phones(phones: PhoneSequence, path: str | os.PathLike[str]) -> None:
+    """Write phones as one Parquet file, whole or not at all.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be written.
+    """
+    import pyarrow as pa
+
+    types = (pa.float64(), pa.float64(), pa.string(), pa.int8(), pa.string(), pa.float64())
+    columns = {"utterance": pa.array([phones.name] * len(phones), type=pa.string())}
+    for name, kind in zip(_COLUMNS, types, strict=True):
+        columns[name] = pa.array([getattr(segment, name) for segment in phones], type=kind)
+    description = {
+        "kind": "phones",
+        "name": phones.name,
+        "phone_set": phones.phone_set,
+        "provenance": [step.to_dict() for step in phones.provenance],
+    }
+    write_table(columns, description, path)
+
+
+def read_stored_phones(path: str | os.PathLike[str]) -> PhoneSequence:
+    """Read the phones that `write_phones` wrote.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be read, is damaged, or does not hold phones of mocap-fit.
+    """
+    table, description = read_table(
+        path, ("phones",), "phones", "Read labels of another program with read_phones."
+    )
+    try:
+        rows = zip(*(table.column(name).to_pylist() for name in _COLUMNS), strict=True)
+        return PhoneSequence(
+            tuple(PhoneSegment(*row) for row in rows),
+            phone_set=description["phone_set"],
+            name=description["name"],
+            provenance=tuple(Step.from_dict(step) for step in description["provenance"]),
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise damaged(path, error) from None
+    except DataError as error:
+        raise FileFormatError(
+            f"the phones in this file cannot be used: {error.problem}",
+            path=path,
+            found=error.found,
+            expected=error.expected,
+        ) from None

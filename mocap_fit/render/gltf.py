@@ -1,0 +1,217 @@
+"""glTF: the head with its movement, for Blender, game engines and web pages.
+
+One binary file (``.glb``): the mesh in metres, a colour at every vertex, morph targets that carry
+the parameters' names, and one animation of their weights.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mocap_fit.errors import FileFormatError, MissingExtraError
+from mocap_fit.face.mesh import Mesh, Part
+from mocap_fit.face.rig import Rig
+from mocap_fit.render.shapes import BlendedShapes, blended_shapes
+from mocap_fit.tracks import ParameterTracks
+
+_METRES = 0.001
+_FLOAT, _UNSIGNED, _BYTE = 5126, 5125, 5121
+_VERTICES, _INDICES = 34962, 34963
+
+
+def write_gltf(
+    tracks: ParameterTracks,
+    path: str | os.PathLike[str],
+    rig: Rig,
+    *,
+    rate: float | None = None,
+) -> BlendedShapes:
+    """Write a talking head as binary glTF, whole or not at all.
+
+    Parameters
+    ----------
+    tracks
+        Face parameters over time.
+    path
+        The file, ``.glb``.
+    rig
+        The face.
+    rate
+        Frames per second of the animation; the tracks' own where not given.
+
+    Returns
+    -------
+    BlendedShapes
+        What was written, and how near it is to the rig.
+
+    Raises
+    ------
+    MissingExtraError
+        If the extra ``mesh`` is not installed.
+    FileFormatError
+        If the name does not end in ``.glb``, or the file cannot be written.
+    DataError
+        If the tracks do not belong to the face, or have no frames.
+    """
+    try:
+        import pygltflib
+    except ImportError:
+        raise MissingExtraError(
+            "glTF needs the extra 'mesh', which is not installed",
+            advice='pip install "mocap-fit[mesh]"',
+        ) from None
+    target = Path(path)
+    if target.suffix.lower() != ".glb":
+        raise FileFormatError("glTF is written as one file", path=path, expected="a name in .glb")
+    blended = blended_shapes(tracks, rig, rate)
+    document = _Document(pygltflib, rig.mesh, blended)
+    content = document.finished(tracks.name or "talk")
+    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
+    try:
+        partial.write_bytes(content)
+        os.replace(partial, target)
+    except OSError as error:
+        raise FileFormatError(
+            "the file cannot be written",
+            path=path,
+            found=error.strerror,
+            advice="Check that the folder exists and may be written to.",
+        ) from None
+    finally:
+        partial.unlink(missing_ok=True)
+    return blended
+
+
+class _Document:
+    """The pieces of a file while it is put together."""
+
+    def __init__(self, library: Any, mesh: Mesh, blended: BlendedShapes) -> None:
+        self._lib = library
+        self._mesh, self._blended = mesh, blended
+        self._file = library.GLTF2(asset=library.Asset(version="2.0", generator="mocap-fit"))
+        self._bytes = bytearray()
+
+    def finished(self, name: str) -> bytes:
+        """The whole file."""
+        lib, file, blended = self._lib, self._file, self._blended
+        rest = self._mesh.normals()
+        bent = [self._mesh.normals(self._mesh.vertices + shape) - rest for shape in blended.shapes]
+        primitives = [self._primitive(part, rest, bent) for part in self._mesh.parts]
+        file.meshes.append(
+            lib.Mesh(
+                name="head",
+                primitives=primitives,
+                weights=[0.0] * len(blended.names),
+                extras={"targetNames": list(blended.names)},
+            )
+        )
+        file.nodes.append(lib.Node(name="head", mesh=0))
+        file.scenes.append(lib.Scene(nodes=[0]))
+        file.scene = 0
+        times = (blended.times - blended.times[0]).astype(np.float32)
+        at = self._accessor(times, "SCALAR", limits=True)
+        weights = self._accessor(blended.weights.astype(np.float32).ravel(), "SCALAR")
+        file.animations.append(
+            lib.Animation(
+                name=name,
+                samplers=[lib.AnimationSampler(input=at, output=weights, interpolation="LINEAR")],
+                channels=[
+                    lib.AnimationChannel(
+                        sampler=0, target=lib.AnimationChannelTarget(node=0, path="weights")
+                    )
+                ],
+            )
+        )
+        file.buffers.append(lib.Buffer(byteLength=len(self._bytes)))
+        file.set_binary_blob(bytes(self._bytes))
+        return b"".join(file.save_to_bytes())
+
+    def _primitive(self, part: Part, rest: Any, bent: list[Any]) -> Any:
+        lib = self._lib
+        own = slice(part.vertices.start, part.vertices.stop)
+        triangles = self._mesh.triangles[part.triangles.start : part.triangles.stop]
+        attributes = lib.Attributes(
+            POSITION=self._vectors(self._mesh.vertices[own] * _METRES),
+            NORMAL=self._vectors(rest[own]),
+        )
+        coloured = self._mesh.colours is not None
+        if self._mesh.colours is not None:
+            # Colours here are as a screen shows them; glTF wants them linear.
+            linear = np.clip(self._mesh.colours[own], 0, 1) ** 2.2
+            four = np.concatenate([linear, np.ones((len(linear), 1))], axis=1)
+            attributes.COLOR_0 = self._accessor(
+                np.rint(255 * four).astype(np.uint8), "VEC4", normalized=True
+            )
+        targets = [
+            lib.Attributes(
+                POSITION=self._vectors(shape[own] * _METRES), NORMAL=self._vectors(bend[own])
+            )
+            for shape, bend in zip(self._blended.shapes, bent, strict=True)
+        ]
+        return lib.Primitive(
+            attributes=attributes,
+            indices=self._accessor(
+                (triangles - part.vertices.start).astype(np.uint32).ravel(), "SCALAR", _INDICES
+            ),
+            material=self._material(part, coloured),
+            targets=[json.loads(target.to_json()) for target in targets],
+        )
+
+    def _material(self, part: Part, coloured: bool) -> int:
+        lib = self._lib
+        colour = [1.0] * 3 if coloured else [c**2.2 for c in part.material.colour]
+        self._file.materials.append(
+            lib.Material(
+                name=part.name,
+                # Brows and lashes are sheets, seen from both sides.
+                doubleSided=part.name.startswith(("brow", "lashes")),
+                pbrMetallicRoughness=lib.PbrMetallicRoughness(
+                    baseColorFactor=[*colour, 1.0],
+                    metallicFactor=0.0,
+                    roughnessFactor=round(1.0 - 0.75 * min(part.material.specular, 1.0), 3),
+                ),
+            )
+        )
+        return len(self._file.materials) - 1
+
+    def _vectors(self, values: Any) -> int:
+        return self._accessor(values.astype(np.float32), "VEC3", limits=True)
+
+    def _accessor(
+        self,
+        values: Any,
+        kind: str,
+        target: int | None = None,
+        *,
+        limits: bool = False,
+        normalized: bool = False,
+    ) -> int:
+        """Append an array to the file and return its number."""
+        lib = self._lib
+        if target is None and kind != "SCALAR":
+            target = _VERTICES
+        content = np.ascontiguousarray(values)
+        start = len(self._bytes)
+        self._bytes += content.tobytes()
+        self._bytes += bytes(-len(self._bytes) % 4)
+        view = lib.BufferView(buffer=0, byteOffset=start, byteLength=content.nbytes, target=target)
+        self._file.bufferViews.append(view)
+        component = {"f": _FLOAT, "u": _UNSIGNED}[content.dtype.kind]
+        rows = content.reshape(len(content), -1)
+        self._file.accessors.append(
+            lib.Accessor(
+                bufferView=len(self._file.bufferViews) - 1,
+                componentType=_BYTE if content.dtype == np.uint8 else component,
+                normalized=normalized,
+                count=len(content),
+                type=kind,
+                min=rows.min(axis=0).tolist() if limits else None,
+                max=rows.max(axis=0).tolist() if limits else None,
+            )
+        )
+        return len(self._file.accessors) - 1

@@ -1,0 +1,239 @@
+"""The talking heads of a movie, frame by frame, in this process or over several."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap_fit.errors import DataError
+from mocap_fit.face.rig import Rig
+from mocap_fit.render.liveliness import Liveliness, LivelyFace
+from mocap_fit.render.scene import FaceScene, View
+from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks
+
+Image = NDArray[np.uint8]
+
+# Frames that a process draws before it hands them over.
+_BATCH = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Talk:
+    """Everything that the heads of a movie do, and from where they are seen.
+
+    Parameters
+    ----------
+    rig
+        The face that all heads have.
+    parameters
+        A head each: `(frames, parameters)`, in the order of the rig.
+    views
+        Every head is drawn once from each.
+    size
+        Width and height of one picture of a head, pixels.
+    zoom
+        See `FaceScene`.
+    life
+        Blinks and head motion, of all heads alike.
+    markers
+        `(frames, markers, 3)`, mm, in the head frame; none are drawn where there are none.
+    """
+
+    rig: Rig
+    parameters: tuple[FloatArray, ...]
+    views: tuple[View, ...]
+    size: tuple[int, int]
+    zoom: float
+    life: Liveliness
+    markers: FloatArray
+
+    @property
+    def frames(self) -> int:
+        """How many frames there are."""
+        return len(self.parameters[0])
+
+
+class _Heads:
+    """Scenes for all that a talk shows; all heads of one view share one."""
+
+    def __init__(self, talk: Talk) -> None:
+        self._talk = talk
+        mesh = talk.rig.mesh
+        self._lively = LivelyFace(mesh, blinks=bool(talk.life.blinks.any()))
+        self._stack = ExitStack()
+        self._scenes = [
+            self._stack.enter_context(
+                FaceScene(mesh, view=view, size=talk.size, zoom=talk.zoom, centre=_middle(talk.rig))
+            )
+            for view in talk.views
+        ]
+
+    def frame(self, number: int) -> list[list[Image]]:
+        """The pictures of a frame: a row a view, in it one a head."""
+        talk, life = self._talk, self._talk.life
+        turn, shift = life.turns[number], life.shifts[number]
+        markers = self._lively.carried(talk.markers[number], turn, shift)
+        shapes = []
+        for values in talk.parameters:
+            vertices = talk.rig.deform(values[number])
+            shapes.append(self._lively.moved(vertices, float(life.blinks[number]), turn, shift))
+        return [[scene.image(shape, markers=markers) for shape in shapes] for scene in self._scenes]
+
+    def close(self) -> None:
+        self._stack.close()
+
+
+def drawn(talk: Talk, jobs: int = 1) -> Iterator[list[list[Image]]]:
+    """Draw all frames, in order.
+
+    Parameters
+    ----------
+    talk
+        What is drawn.
+    jobs
+        How many processes draw; 1 draws here. The pictures are the same.
+
+    Yields
+    ------
+    list
+        A row a view, in it one picture a head.
+
+    Raises
+    ------
+    DataError
+        If a process that draws ends early.
+    """
+    if jobs <= 1 or talk.frames <= _BATCH:
+        heads = _Heads(talk)
+        try:
+            for number in range(talk.frames):
+                yield heads.frame(number)
+        finally:
+            heads.close()
+        return
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(
+        jobs, mp_context=context, initializer=_begin, initargs=(talk,)
+    ) as pool:
+        waiting: deque[Future[Any]] = deque()
+        batches = iter(range(0, talk.frames, _BATCH))
+        try:
+            for first in batches:
+                waiting.append(pool.submit(_draw, first, min(first + _BATCH, talk.frames)))
+                # Two batches a process keep all busy, and memory small.
+                if len(waiting) >= 2 * jobs:
+                    yield from waiting.popleft().result()
+            while waiting:
+                yield from waiting.popleft().result()
+        except BrokenProcessPool:
+            raise DataError(
+                "a process that draws was killed, or ran out of memory",
+                advice="Draw in fewer processes, or smaller pictures.",
+            ) from None
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+_heads: _Heads | None = None
+
+
+def _begin(talk: Talk) -> None:
+    global _heads
+    # Ctrl-C is for the process that waits; it ends this one.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _heads = _Heads(talk)
+
+
+def _draw(first: int, last: int) -> list[list[list[Image]]]:
+    assert _heads is not None
+    return [_heads.frame(number) for number in range(first, last)]
+
+
+def parameters_at(tracks: ParameterTracks, times: FloatArray, rig: Rig) -> FloatArray:
+    """Parameters of a rig at any times, from tracks of some of them.
+
+    Values between frames lie on monotone cubics, which reach the extremes of a closure and never
+    go beyond them. Before and after the tracks the face stays as it is at their ends; missing
+    values are bridged, and parameters that are not in the tracks are at rest. What leaves the
+    bounds of the rig is drawn at the bound.
+
+    Returns
+    -------
+    FloatArray
+        `(times, parameters)`, in the order of the rig.
+
+    Raises
+    ------
+    DataError
+        If the tracks have a parameter that the face lacks, or no frame.
+    """
+    from scipy.interpolate import PchipInterpolator
+
+    names = rig.parameter_names
+    unknown = [name for name in tracks.names if name not in names]
+    if unknown:
+        raise DataError(
+            f"the face has no parameter {', '.join(unknown)}",
+            expected=f"some of {', '.join(names)}",
+            advice="Give the face that the tracks were made with.",
+        )
+    if not tracks.frames:
+        raise DataError(f"the tracks '{tracks.name}' have no frames")
+    values = np.zeros((len(times), len(names)))
+    for column, name in enumerate(names):
+        if name not in tracks.names:
+            continue
+        known = tracks.value(name)
+        there = np.isfinite(known)
+        if there.sum() == 1:
+            values[:, column] = known[there][0]
+        elif there.any():
+            at, inside = tracks.times[there], np.clip(times, *tracks.times[there][[0, -1]])
+            values[:, column] = PchipInterpolator(at, known[there])(inside)
+    low, high = rig.bounds.T
+    return np.asarray(np.clip(values, low, high))
+
+
+def markers_at(markers: MarkerTracks | None, times: FloatArray) -> FloatArray:
+    """Places of markers at any times, `(times, markers, 3)`; missing where a frame beside is."""
+    if markers is None:
+        return np.zeros((len(times), 0, 3))
+    positions = markers.positions
+    place = (times - markers.start_time) * markers.rate
+    before = np.floor(place + 1e-6).astype(int)
+    part = np.clip(place - before, 0.0, 1.0)[:, None, None]
+    last = markers.frames - 1
+    outside = (place < -0.5) | (place > last + 0.5)
+    first, second = positions[np.clip(before, 0, last)], positions[np.clip(before + 1, 0, last)]
+    between = np.where(part < 1e-6, first, first * (1 - part) + second * part)
+    between[outside] = np.nan
+    return np.asarray(between)
+
+
+def _middle(rig: Rig) -> FloatArray:
+    """What the camera looks at: between the eyes and the chin, where a face has them."""
+    mesh = rig.mesh
+    middle = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
+    nose = mesh.feature_points.get("9.3")
+    if nose is not None:
+        middle[1] = 0.5 * (middle[1] + mesh.vertices[nose, 1])
+    return np.asarray(middle)
+
+
+def checked_views(views: View | Sequence[View]) -> tuple[View, ...]:
+    """One view or several, as a tuple."""
+    chosen: tuple[View, ...] = (views,) if isinstance(views, str) else tuple(views)
+    if not chosen:
+        raise DataError("a movie needs a view")
+    return chosen

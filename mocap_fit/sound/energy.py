@@ -1,0 +1,65 @@
+"""Energy of sound over time, in decibels."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mocap_fit.errors import DataError
+from mocap_fit.sound.wav import Sound
+from mocap_fit.tracks import FloatArray
+
+WINDOW = 0.025
+"""Seconds: long enough for two periods of a low voice, shorter than most phones."""
+
+QUIETEST = -100.0
+"""Decibels: what digital silence counts as, so that no energy is infinite."""
+
+
+def energy_db(sound: Sound, times: ArrayLike, *, window: float = WINDOW) -> FloatArray:
+    """Energy of sound at moments: at the frames of tracks, or the centres of phones.
+
+    Parameters
+    ----------
+    sound
+        One or more channels, whose mean is taken: leave out a channel of pulses before
+        (`Sound.without_channel`).
+    times
+        `(times,)`, seconds from the first sample.
+    window
+        Seconds: length of the Hann window about each moment.
+
+    Returns
+    -------
+    FloatArray
+        `(times,)`: ten times the logarithm of the weighted mean square, so that a sine of full
+        scale has -3 dB; not below `QUIETEST`. NaN where the window's middle is outside the sound;
+        near its ends the part of the window that is inside counts.
+
+    Raises
+    ------
+    DataError
+        If the window is not longer than a sample.
+    """
+    rate = sound.rate
+    half = round(0.5 * window * rate)
+    if not half >= 1:
+        raise DataError(
+            "the window is too short to measure energy in",
+            found=f"{window} s at {rate:g} Hz",
+            expected="more than two samples",
+        )
+    weights = np.hanning(2 * half + 3)[1:-1]
+    moments = np.asarray(times, dtype=np.float64)
+    inside = (moments >= 0) & (moments <= sound.duration)
+    centres = np.round(np.where(inside, moments, 0.0) * rate).astype(np.int64)
+    centres = np.minimum(centres, len(sound) - 1)
+    samples = sound.samples.mean(axis=1)
+    energies = np.full(moments.shape, np.nan)
+    for place in np.flatnonzero(inside):
+        first, last = centres[place] - half, centres[place] + half + 1
+        part = samples[max(first, 0) : last]
+        weight = weights[max(-first, 0) : max(-first, 0) + len(part)]
+        mean_square = float(weight @ part**2 / weight.sum())
+        energies[place] = 10 * np.log10(max(mean_square, 10 ** (QUIETEST / 10)))
+    return energies

@@ -1,0 +1,132 @@
+"""espeak-ng in a process of its own: it is a GPL program, and one process can only hold one.
+
+Run as a script, it reads a request from its input, as JSON, and answers with a line of JSON and,
+after it, samples of 16 bits. One process says one text, for what espeak-ng said before shows in
+what it says next. It imports nothing of mocap-fit, whose `mocap_fit.synthesis.text_to_phones`
+starts it.
+
+Request: ``{"voice": "sv", "text": "...", "speed": 160}``.
+Answer: ``{"rate": 22050, "samples": 48962, "events": [[kind, sample, position, length, name],
+...]}`` or ``{"error": "voice", "voices": [...]}``. The kinds are ``word`` (position and length
+count characters, from 1) and ``phone`` (its name is IPA, with stress before it; none is a pause).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import sys
+from typing import Any
+
+_RETRIEVAL = 2
+_PHONE_EVENTS, _IPA = 1, 2
+_WORD, _PHONE = 1, 7
+_UTF8 = 1
+_SPEED = 1
+
+
+class _Identifier(ctypes.Union):
+    _fields_ = (("number", ctypes.c_int), ("string", ctypes.c_char * 8))
+
+
+class _Event(ctypes.Structure):
+    _fields_ = (
+        ("type", ctypes.c_int),
+        ("unique_identifier", ctypes.c_uint),
+        ("text_position", ctypes.c_int),
+        ("length", ctypes.c_int),
+        ("audio_position", ctypes.c_int),
+        ("sample", ctypes.c_int),
+        ("user_data", ctypes.c_void_p),
+        ("identifier", _Identifier),
+    )
+
+
+class _Voice(ctypes.Structure):
+    _fields_ = (
+        ("name", ctypes.c_char_p),
+        ("languages", ctypes.c_char_p),
+        ("identifier", ctypes.c_char_p),
+    )
+
+
+_Callback = ctypes.CFUNCTYPE(
+    ctypes.c_int, ctypes.POINTER(ctypes.c_short), ctypes.c_int, ctypes.POINTER(_Event)
+)
+
+
+def _bytes_of(event: _Event) -> bytes:
+    # Not `identifier.string`, which ends at a zero byte but may fill all eight.
+    raw = ctypes.string_at(ctypes.addressof(event.identifier), 8)
+    return raw.split(b"\0")[0]
+
+
+def _loaded() -> Any:
+    import espeakng_loader
+
+    library = ctypes.CDLL(espeakng_loader.get_library_path())
+    library.espeak_ListVoices.restype = ctypes.POINTER(ctypes.POINTER(_Voice))
+    library.espeak_ListVoices.argtypes = [ctypes.c_void_p]
+    library.espeak_Synth.argtypes = [
+        ctypes.c_char_p,
+        ctypes.c_size_t,
+        ctypes.c_uint,
+        ctypes.c_int,
+        ctypes.c_uint,
+        ctypes.c_uint,
+        ctypes.c_void_p,
+        ctypes.c_void_p,
+    ]
+    return library, espeakng_loader.get_data_path().encode()
+
+
+def _voices(library: Any) -> list[str]:
+    found = []
+    listed = library.espeak_ListVoices(None)
+    place = 0
+    while listed[place]:
+        # The first byte is a priority.
+        tag = listed[place].contents.languages[1:].decode("utf-8", "replace")
+        found.append(tag)
+        place += 1
+    return sorted(set(found))
+
+
+def main() -> None:
+    """Answer the request on the input."""
+    request = json.loads(sys.stdin.buffer.read())
+    library, folder = _loaded()
+    samples: list[bytes] = []
+    events: list[list[Any]] = []
+
+    def take(sound: Any, count: int, event: Any) -> int:
+        if sound and count > 0:
+            samples.append(ctypes.string_at(sound, 2 * count))
+        place = 0
+        while event[place].type != 0:
+            found = event[place]
+            if found.type == _WORD:
+                events.append(["word", found.sample, found.text_position, found.length, ""])
+            elif found.type == _PHONE:
+                name = _bytes_of(found).decode("utf-8", "ignore")
+                events.append(["phone", found.sample, 0, 0, name])
+            place += 1
+        return 0
+
+    callback = _Callback(take)
+    rate = library.espeak_Initialize(_RETRIEVAL, 0, folder, _PHONE_EVENTS | _IPA)
+    library.espeak_SetSynthCallback(callback)
+    answer: dict[str, Any]
+    if library.espeak_SetVoiceByName(request["voice"].encode()) != 0:
+        answer = {"error": "voice", "voices": _voices(library)}
+    else:
+        library.espeak_SetParameter(_SPEED, int(request["speed"]), 0)
+        text = request["text"].encode()
+        library.espeak_Synth(text, len(text) + 1, 0, 1, 0, _UTF8, None, None)
+        library.espeak_Synchronize()
+        answer = {"rate": rate, "samples": sum(map(len, samples)) // 2, "events": events}
+    sys.stdout.buffer.write(json.dumps(answer).encode() + b"\n" + b"".join(samples))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,290 @@
+"""Cohen and Massaro's model: its equations, and truth that it made itself."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from control_cases import corpus_of, spoken
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mocap_fit import control
+from mocap_fit.control import dominance
+from mocap_fit.control.dominance import Frames
+from mocap_fit.corpus import Corpus, Utterance
+from mocap_fit.errors import ConfigurationError, DataError
+from mocap_fit.phones import PhoneSegment, PhoneSequence, load_phone_set
+from mocap_fit.tracks import ParameterTracks
+
+PHONES = 6
+
+
+def free_parameters(rng, phones=PHONES):
+    """T, and logarithms of alpha, theta, phi, c, for times in tenths of a second."""
+    spreads = np.array([1.0, 0.5, 0.4, 0.4, 0.2])
+    return rng.normal(0.0, 1.0, (phones, 5)) * spreads + np.array([0.0, 0.0, 0.3, 0.3, 0.1])
+
+
+def an_utterance(rng, segments=12):
+    positions = rng.integers(0, PHONES, segments)
+    centres = np.cumsum(rng.uniform(0.4, 1.5, segments))
+    return positions, centres
+
+
+def by_the_paper(free, positions, centres, time):
+    """Equations 7 and 8, word for word."""
+    above, below = 0.0, 0.0
+    for position, centre in zip(positions, centres, strict=True):
+        target, alpha, theta, phi, c = free[position, 0], *np.exp(free[position, 1:])
+        if time < centre:
+            height = alpha * math.exp(-theta * (centre - time) ** c)
+        else:
+            height = alpha * math.exp(-phi * (time - centre) ** c)
+        above += target * height
+        below += height
+    return above / below
+
+
+def forms():
+    kernel = dominance.compiled_kernel()
+    assert kernel is not None, "numba is one of the core's packages"
+    return pytest.mark.parametrize("form", [dominance, kernel], ids=["numpy", "compiled"])
+
+
+@forms()
+def test_the_trajectory_is_that_of_the_paper(form, rng):
+    free = free_parameters(rng)
+    positions, centres = an_utterance(rng)
+    times = np.concatenate([np.linspace(-0.5, centres[-1] + 0.5, 80), centres])
+    wanted = [by_the_paper(free, positions, centres, time) for time in times]
+    found = form.trajectory(free, Frames.of(positions, centres, times))
+    np.testing.assert_allclose(found, wanted, atol=1e-7)
+
+
+@forms()
+def test_the_gradient_agrees_with_finite_differences(form, rng):
+    for _ in range(4):
+        free = free_parameters(rng)
+        positions, centres = an_utterance(rng)
+        # Between the centres, where every derivative is there; 9 segments meet the cut of nothing.
+        times = np.sort(rng.uniform(centres[0], centres[-1], 40))
+        frames = Frames.of(positions, centres, times)
+        values, derivatives = form.jacobian(free, frames)
+        np.testing.assert_allclose(values, form.trajectory(free, frames), atol=1e-14)
+        step = 1e-5
+        for place, phone in enumerate(frames.phones):
+            for which in range(5):
+                ahead, behind = free.copy(), free.copy()
+                ahead[phone, which] += step
+                behind[phone, which] -= step
+                apart = form.trajectory(ahead, frames) - form.trajectory(behind, frames)
+                np.testing.assert_allclose(
+                    derivatives[:, 5 * place + which], apart / (2 * step), atol=1e-6
+                )
+
+
+def test_the_sign_of_equation_14(rng):
+    """More than one unit from the centre a larger exponent lowers the dominance."""
+    free = free_parameters(rng, 2)
+    frames = Frames.of(np.array([0, 1]), np.array([0.0, 5.0]), np.array([2.0]))
+    before = dominance.log_dominances(free, frames)[0, 0]
+    free[0, 4] += 0.1
+    assert dominance.log_dominances(free, frames)[0, 0] < before
+
+
+def test_both_forms_have_the_same_derivatives(rng):
+    free = free_parameters(rng)
+    frames = Frames.of(*an_utterance(rng, 150), np.linspace(-3.0, 160.0, 500))
+    kernel = dominance.compiled_kernel()
+    for ours, theirs in zip(
+        dominance.jacobian(free, frames), kernel.jacobian(free, frames), strict=True
+    ):
+        np.testing.assert_allclose(ours, theirs, atol=1e-12)
+
+
+@forms()
+def test_at_the_centre_of_a_segment_nothing_is_undefined(form, rng):
+    free = free_parameters(rng)
+    positions, centres = np.arange(PHONES), 1.0 + np.arange(PHONES)
+    values, derivatives = form.jacobian(free, Frames.of(positions, centres, centres))
+    assert np.isfinite(values).all()
+    assert np.isfinite(derivatives).all()
+    # By its own theta, phi and c the derivative is 0 there.
+    for phone in range(PHONES):
+        np.testing.assert_allclose(derivatives[phone, 5 * phone + 2 : 5 * phone + 5], 0, atol=1e-9)
+
+
+@forms()
+def test_where_all_dominances_vanish_there_is_a_trajectory(form, rng):
+    free = free_parameters(rng)
+    free[:, 2:4] = 6.0
+    free[:, 4] = 1.4
+    positions, centres = np.array([0, 1]), np.array([0.0, 1000.0])
+    times = np.array([-1e5, 100.0, 499.0, 501.0, 900.0, 1e5])
+    frames = Frames.of(positions, centres, times)
+    # No dominance itself can be told from 0 here.
+    assert not np.exp(dominance.log_dominances(free, frames)).any()
+    values, derivatives = form.jacobian(free, frames)
+    assert np.isfinite(derivatives).all()
+    assert np.isin(np.round(values, 12), np.round(free[:2, 0], 12)).all()
+
+
+@forms()
+def test_long_utterances_are_as_good_as_short_ones(form, rng):
+    free = free_parameters(rng)
+    positions, centres = an_utterance(rng, 1000)
+    times = rng.uniform(centres[0], centres[-1], 30)
+    wanted = [by_the_paper(free, positions, centres, time) for time in times]
+    frames = Frames.of(positions, centres, times)
+    assert frames.logarithms.shape[1] <= 200
+    np.testing.assert_allclose(form.trajectory(free, frames), wanted, atol=1e-7)
+
+
+@given(
+    st.lists(
+        st.tuples(
+            *[
+                st.floats(low, high)
+                for low, high in [(-3, 3), (-12, 12), (-8, 6), (-8, 6), (-1.6, 1.4)]
+            ]
+        ),
+        min_size=2,
+        max_size=2,
+    ),
+    st.floats(-300, 300),
+)
+@settings(max_examples=80, deadline=None)
+def test_a_trajectory_lies_between_the_targets(rows, time):
+    free = np.array(rows)
+    frames = Frames.of(np.array([0, 1, 0]), np.array([0.0, 0.7, 1.5]), np.array([time]))
+    values, derivatives = dominance.jacobian(free, frames)
+    assert free[:, 0].min() - 1e-12 <= values[0] <= free[:, 0].max() + 1e-12
+    assert np.isfinite(derivatives).all()
+    # All targets higher by 1: the trajectory too. All alphas larger: nothing changes.
+    np.testing.assert_allclose(dominance.trajectory(free + np.eye(5)[0], frames), values + 1)
+    np.testing.assert_allclose(
+        dominance.trajectory(free + 2 * np.eye(5)[1], frames), values, atol=1e-9
+    )
+
+
+def test_the_parameters_are_those_of_the_paper():
+    model = control.create("cohen-massaro", phone_set="sv-sta")
+    assert model.parameter_count == 3800
+    assert control.create("cohen-massaro", phone_set="sv-sta", stress=False).parameter_count == 2600
+    with pytest.raises(DataError, match="phone_set=SET"):
+        _ = control.create("cohen-massaro").parameter_count
+
+
+def truth(count: int, seed: int, free, names, rate=60.0) -> Corpus:
+    """Random utterances of Swedish phones that the given free parameters make."""
+    phone_set = load_phone_set("sv-sta")
+    symbols = phone_set.symbols()
+    rng = np.random.default_rng(seed)
+    utterances = []
+    for number in range(count):
+        chosen = [0, *rng.integers(1, free.shape[1], 18), 0]
+        ends = np.cumsum(rng.uniform(0.04, 0.16, len(chosen)))
+        segments = []
+        for begin, end, symbol in zip([0.0, *ends[:-1]], ends, chosen, strict=True):
+            phone, stress = phone_set.parse(symbols[symbol])
+            segments.append(PhoneSegment(float(begin), float(end), phone, stress or 0))
+        phones = PhoneSequence(tuple(segments), phone_set="sv-sta", name=f"u{number:03d}")
+        times = np.arange(int(ends[-1] * rate)) / rate
+        frames = Frames.of(np.array(chosen), 10 * 0.5 * (phones.starts + phones.ends), 10 * times)
+        values = np.stack([dominance.trajectory(each, frames) for each in free], axis=1)
+        tracks = ParameterTracks(names, rate, values, name=phones.name)
+        utterances.append(Utterance.of(tracks, phones))
+    return Corpus.of(utterances, phone_set)
+
+
+def test_known_truth_is_found_from_a_neutral_start(rng):
+    # Ten phones and sil, so that a short training hears each of them often.
+    free = np.stack([free_parameters(rng, 11) for _ in range(2)])
+    names = ("jaw_rotation", "lip_rounding")
+    model = control.create("cohen-massaro").fit(truth(60, 1, free, names))
+    for utterance in truth(15, 2, free, names):
+        tracks = utterance.tracks
+        apart = model.predict_at(utterance.phones, tracks.times) - tracks.values
+        spread = np.ptp(tracks.values, axis=0)
+        assert (np.sqrt(np.mean(apart**2, axis=0)) < 0.01 * spread).all()
+    found = model.free_parameters()
+    assert all((found[name] > 0).all() for name in ("alpha", "theta", "phi", "c"))
+    # What was learned is for seconds: eq. 7 with it gives what predict gives.
+    utterance = truth(1, 3, free, names).utterances[0]
+    positions = model.symbols_.positions(utterance.phones)
+    seconds = np.concatenate(
+        [found["target"][0][:, None]]
+        + [np.log(found[name][0])[:, None] for name in ("alpha", "theta", "phi", "c")],
+        axis=1,
+    )
+    centres = 0.5 * (utterance.phones.starts + utterance.phones.ends)
+    times = np.array([0.3, 0.77, 1.1])
+    np.testing.assert_allclose(
+        model.predict_at(utterance.phones, times)[:, 0],
+        [by_the_paper(seconds, positions, centres, time) for time in times],
+        atol=1e-7,
+    )
+
+
+def test_training_falls_until_it_ends_and_early_stopping_keeps_the_best(small_corpus):
+    rng = np.random.default_rng(0)
+    noisy = Corpus.of(
+        [
+            Utterance.of(
+                u.tracks.replace(
+                    values=u.tracks.values + rng.normal(0, 0.2, u.tracks.values.shape)
+                ),
+                u.phones,
+            )
+            for u in small_corpus
+        ],
+        "sv-sta",
+    )
+    model = control.create("cohen-massaro", prior=0.001, tolerance=0.0, patience=2)
+    first = small_corpus.parameter_names[0]
+    log = [e for e in model.fit(noisy, small_corpus).log_ if e.part == first]
+    training = [e.training_error for e in log]
+    validation = [e.validation_error for e in log]
+    assert [e.iteration for e in log] == list(range(len(log)))
+    assert training[-1] < training[0]
+    # It ended two iterations after the best, and what it kept is the best.
+    best = int(np.argmin(validation))
+    assert len(log) - 1 <= best + 2
+    tracks = [(u.phones, u.tracks) for u in small_corpus]
+    apart = np.concatenate([(model.predict_at(p, t.times) - t.values)[:, 0] for p, t in tracks])
+    assert np.sqrt(np.mean(apart**2)) == pytest.approx(min(validation), rel=1e-6)
+
+
+def test_without_stress_marks_the_stress_changes_nothing(small_corpus):
+    phones = spoken("sil 'A: P 'I: sil", 1)
+    flat = phones.replace(segments=tuple(dataclasses.replace(s, stress=0) for s in phones))
+    with_stress = control.create("cohen-massaro", iterations=2).fit(small_corpus)
+    without = control.create("cohen-massaro", iterations=2, stress=False).fit(small_corpus)
+    apart = [
+        np.ptp(m.predict(phones).values - m.predict(flat).values) for m in (with_stress, without)
+    ]
+    assert apart[0] > 1e-3
+    assert apart[1] == 0
+
+
+def test_dominances_are_there_for_a_figure(trained, new_phones):
+    model = trained("cohen-massaro")
+    times = np.linspace(new_phones[0].start, new_phones[-1].end, 200)
+    found = model.dominances(new_phones, times, "jaw_rotation")
+    assert found.shape == (200, len(new_phones))
+    assert (found >= 0).all()
+    assert (found <= 1 + 1e-12).all()
+    centres = 0.5 * (new_phones.starts + new_phones.ends)
+    np.testing.assert_allclose(times[found.argmax(axis=0)], centres, atol=0.02)
+    with pytest.raises(DataError, match="no parameter 'brow'"):
+        model.dominances(new_phones, times, "brow")
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"iterations": 0}, {"tolerance": -1.0}, {"patience": 0}, {"prior": math.nan}, {"prior": "1"}],
+)
+def test_impossible_settings_are_refused(wrong):
+    with pytest.raises(ConfigurationError, match=next(iter(wrong))):
+        control.create("cohen-massaro", **wrong).fit(corpus_of(["sil 'A: sil"]))

@@ -1,0 +1,387 @@
+"""Recurrent networks: what they learn, when they stop, and how they go on after a stop."""
+
+import math
+
+import numpy as np
+import pytest
+from control_cases import NAMES, SENTENCES, corpus_of, spoken
+
+from mocap_fit import control
+from mocap_fit.control.model_file import write_model_file
+from mocap_fit.control.networks import look_ahead_sweep
+from mocap_fit.control.networks.examples import (
+    Example,
+    Scale,
+    batch,
+    examples,
+    in_batches,
+    scale_of,
+)
+from mocap_fit.control.networks.features import PhoneInputs
+from mocap_fit.control.networks.frames import FrameNetworks, RunningNetworks
+from mocap_fit.control.networks.recurrent import drawn_weights
+from mocap_fit.control.networks.stack import Network, Stack
+from mocap_fit.corpus import Corpus, Utterance
+from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
+from mocap_fit.phones import load_phone_set
+from mocap_fit.tracks import ParameterTracks
+
+PHONES = "M B P F V S T D N L R K A: I: O: U: E0 A I Å Ö4".split()  # noqa: SIM905
+
+
+def saved(model, path) -> bytes:
+    model.save(path)
+    return path.read_bytes()
+
+
+def sentences(count, length=16, seed=0):
+    """Random sentences of a few phones, some of them stressed."""
+    rng = np.random.default_rng(seed)
+    chosen = load_phone_set("sv-sta")
+    return [
+        " ".join(
+            [
+                "sil",
+                *(
+                    "'" * bool(chosen.phone(p).takes_stress and rng.random() < 0.4) + p
+                    for p in rng.choice(PHONES, length)
+                ),
+                "sil",
+            ]
+        )
+        for _ in range(count)
+    ]
+
+
+def told_by_networks(texts, groups, hidden, behind=15, ahead=15, seed=5):
+    """A corpus whose tracks random networks have made."""
+    chosen = load_phone_set("sv-sta")
+    names = tuple(name for group in groups for name in group)
+    networks, weights, first = [], [], 0
+    rng = np.random.default_rng(seed)
+    for group, size in zip(groups, hidden, strict=True):
+        columns = tuple(range(first, first + len(group)))
+        networks.append(Network(group[0], columns, size))
+        inputs = (behind + 1 + ahead) * 18
+        weights.append(drawn_weights(1, inputs, size, len(group), 5, rng))
+        first += len(group)
+    truth = FrameNetworks(networks, weights, len(names), behind, ahead)
+    utterances = []
+    for number, text in enumerate(texts):
+        phones = spoken(text, 300 + number)
+        running = RunningNetworks(truth, PhoneInputs(chosen, phones=phones))
+        times = np.arange(math.ceil(phones.duration * 60)) / 60
+        values = np.array([running.at(time) for time in times])
+        utterances.append(
+            Utterance.of(ParameterTracks(names, 60.0, values, name=phones.name), phones)
+        )
+    return Corpus.of(utterances, chosen)
+
+
+def error_of_range(model, corpus):
+    """RMSE in percent of the range, the mean over the parameters."""
+    found = np.concatenate([model.predict_at(u.phones, u.tracks.times) for u in corpus])
+    wanted = np.concatenate([u.tracks.values for u in corpus])
+    ranges = wanted.max(axis=0) - wanted.min(axis=0)
+    return float(np.mean(100 * np.sqrt(np.mean((found - wanted) ** 2, axis=0)) / ranges))
+
+
+# -- what is learned ---------------------------------------------------------------------------
+
+
+def test_networks_of_the_same_form_are_learned():
+    groups = {"lips": ("open", "round"), "jaw": ("down",)}
+    corpus = told_by_networks(sentences(32), groups.values(), (4, 4), behind=5, ahead=5)
+    training, test = corpus.held_out(0.2)
+    training, validation = training.held_out(0.15)
+    model = control.create(
+        "ann", groups=groups, hidden_units=8, frames_behind=5, frames_ahead=5, epochs=60,
+        learning_rate=0.01,
+    )  # fmt: skip
+    model.fit(training, validation)
+    assert error_of_range(model, test) < 3.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ann", "ann-low-latency"])
+def test_the_papers_networks_are_learned(name):
+    new = control.create(name)
+    groups = [tuple(NAMES[c] for c in network.columns) for network in new.networks]
+    corpus = told_by_networks(
+        sentences(150, 30), groups, (50, 50, 30, 30), new.frames_behind, new.frames_ahead
+    )
+    training, test = corpus.held_out(0.2)
+    training, validation = training.held_out(0.15)
+    model = new.fit(training, validation)
+    assert error_of_range(model, test) < 3.0
+
+
+def test_training_lessens_the_error_of_every_network(small_corpus, small_validation):
+    model = control.create("ann", hidden_units=8, epochs=12, seed=3)
+    model.fit(small_corpus, small_validation)
+    for network in model.networks:
+        own = [entry for entry in model.log_ if entry.part == network.name]
+        assert [entry.iteration for entry in own] == list(range(len(own)))
+        assert own[-1].training_error < 0.7 * own[0].training_error
+        assert min(e.validation_error for e in own) < own[0].validation_error
+
+
+def test_the_weights_of_the_least_validation_error_are_kept(small_corpus, small_validation):
+    model = control.create("ann", hidden_units=8, epochs=25, patience=2, learning_rate=0.03)
+    model.fit(small_corpus, small_validation)
+    stopped = 0
+    for network in model.networks:
+        own = [e.validation_error for e in model.log_ if e.part == network.name]
+        stopped += len(own) <= 25
+        columns = list(network.columns)
+        squares = [
+            (model.predict_at(u.phones, u.tracks.times) - u.tracks.values)[:, columns] ** 2
+            for u in small_validation
+        ]
+        # The log counts inner frames, here are the corpus's own.
+        kept = math.sqrt(float(np.mean(np.concatenate(squares))))
+        assert kept == pytest.approx(min(own), rel=0.1)
+        assert own.index(min(own)) >= len(own) - 1 - 2
+    assert stopped, "no network stopped before the last epoch"
+
+
+def test_networks_rest_one_by_one(small_corpus, small_validation):
+    # What a network learns does not depend on how long the others do.
+    together = control.create("ann", hidden_units=6, epochs=14, patience=2, learning_rate=0.02)
+    together.fit(small_corpus, small_validation)
+    lengths = [sum(e.part == n.name for e in together.log_) for n in together.networks]
+    assert len(set(lengths)) > 1, "all stopped at once: this shows nothing"
+    by_name = {}
+    for entry in together.log_:
+        by_name.setdefault(entry.part, []).append(entry.iteration)
+    assert all(each == list(range(len(each))) for each in by_name.values())
+
+
+def test_seeds_make_the_model(small_corpus, tmp_path):
+    same, again, other = (
+        control.create("ann", hidden_units=4, epochs=2, seed=seed).fit(small_corpus)
+        for seed in (1, 1, 2)
+    )
+    assert saved(same, tmp_path / "a") == saved(again, tmp_path / "b")
+    assert not np.array_equal(same.weights_[0].inputs, other.weights_[0].inputs)
+
+
+def test_no_epoch_is_no_training(small_corpus, new_phones):
+    model = control.create("ann", hidden_units=4, epochs=0).fit(small_corpus)
+    assert {entry.iteration for entry in model.log_} == {0}
+    assert np.isfinite(model.predict(new_phones).values).all()
+
+
+def test_utterances_without_values_do_not_count(small_corpus, tmp_path):
+    nothing = small_corpus.utterances[0].tracks
+    nothing = nothing.replace(values=np.full_like(nothing.values, np.nan), name="zz")
+    empty = Utterance.of(nothing, small_corpus.utterances[0].phones)
+    more = Corpus.of([*small_corpus, empty], "sv-sta")
+    models = [
+        control.create("ann", hidden_units=4, epochs=2).fit(corpus)
+        for corpus in (small_corpus, more)
+    ]
+    for one, other in zip(*(model.weights_[0] for model in models), strict=True):
+        np.testing.assert_array_equal(one, other)
+    with pytest.raises(DataError, match="no utterance has a parameter value"):
+        control.create("ann").fit(Corpus.of([empty], "sv-sta"))
+
+
+def test_drift_between_utterances_can_be_left_alone():
+    corpus = told_by_networks(sentences(20), [("open", "round")], (4,), behind=5, ahead=5)
+    training, test = corpus.held_out(0.2)
+    rng = np.random.default_rng(4)
+
+    def drifted(utterance):
+        tracks = utterance.tracks
+        values = tracks.values + rng.normal(0.0, 3 * np.std(tracks.values), 2)
+        return Utterance.of(tracks.replace(values=values), utterance.phones)
+
+    training = Corpus.of([drifted(utterance) for utterance in training], "sv-sta")
+    errors = []
+    for forgiven in (0.0, 0.99):
+        model = control.create(
+            "ann", hidden_units=8, frames_behind=5, frames_ahead=5, epochs=25,
+            learning_rate=0.01, forgiven_offset=forgiven,
+        ).fit(training)  # fmt: skip
+        apart = [model.predict_at(u.phones, u.tracks.times) - u.tracks.values for u in test]
+        errors.append(np.sqrt(np.mean([np.var(each, axis=0) for each in apart])))
+    assert errors[1] < 0.7 * errors[0]
+
+
+# -- going on ----------------------------------------------------------------------------------
+
+
+class Stopped(Exception):
+    pass
+
+
+@pytest.mark.parametrize("epochs", [1, 4, 9])
+def test_a_stopped_training_goes_on_to_the_same_bytes(
+    epochs, small_corpus, small_validation, tmp_path
+):
+    settings = {"hidden_units": (6, 6, 4, 4), "epochs": 12, "patience": 2, "learning_rate": 0.02}
+    whole = control.create("ann", **settings).fit(small_corpus, small_validation)
+    wanted = saved(whole, tmp_path / "whole")
+    path = tmp_path / "checkpoint"
+
+    def stop(entry):
+        if entry.iteration > epochs:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        control.create("ann", **settings).fit(
+            small_corpus, small_validation, progress=stop, checkpoint=path
+        )
+    told = []
+    model = control.create("ann", **settings).fit(
+        small_corpus, small_validation, progress=told.append, checkpoint=path
+    )
+    assert min(entry.iteration for entry in told) == epochs + 1
+    assert model.log_ == whole.log_
+    assert saved(model, tmp_path / "resumed") == wanted
+
+
+def test_other_settings_begin_anew(small_corpus, tmp_path):
+    path = tmp_path / "checkpoint"
+    control.create("ann", hidden_units=4, epochs=2).fit(small_corpus, checkpoint=path)
+    told = []
+    control.create("ann", hidden_units=4, epochs=3).fit(
+        small_corpus, checkpoint=path, progress=told.append
+    )
+    assert told[0].iteration == 0
+
+
+def test_a_file_that_is_no_checkpoint_stays(small_corpus, tmp_path):
+    model = control.create("ann", hidden_units=4, epochs=1)
+    for name in ("model", "other", "text"):
+        path = tmp_path / name
+        if name == "model":
+            model.fit(small_corpus).save(path)
+        elif name == "other":
+            write_model_file({"checkpoint": "cohen-massaro"}, {}, path)
+        else:
+            path.write_text("notes on the recordings")
+        before = path.read_bytes()
+        with pytest.raises(FileFormatError, match=name):
+            model.fit(small_corpus, checkpoint=path)
+        assert path.read_bytes() == before
+
+
+# -- batches -----------------------------------------------------------------------------------
+
+
+def example_of(frames, seed=0):
+    rng = np.random.default_rng(seed)
+    targets = rng.normal(size=(frames, 2))
+    targets[0, 1] = np.nan
+    return Example(rng.normal(size=(frames + 4, 18)).astype(np.float32), targets)
+
+
+def test_a_batch_pads_and_counts():
+    those = [example_of(5), example_of(9, 1)]
+    made = batch(those, Scale(np.array([1.0, 2.0]), np.array([2.0, 4.0])))
+    assert made.inputs.shape == (2, 13, 18)
+    assert made.counted.sum() == 2 * (5 + 9) - 2
+    assert not made.counted[0, 5:].any()
+    np.testing.assert_allclose(
+        made.targets[1, 3], (those[1].targets[3] - [1.0, 2.0]) / [2.0, 4.0], rtol=1e-6
+    )
+
+
+def test_every_example_is_in_one_batch_an_epoch():
+    those = [example_of(n) for n in (5, 50, 7, 40, 6, 45, 8)]
+    plain = in_batches(those, 2)
+    assert plain[0] == (0, 4)
+    for seed in (0, 1):
+        mixed = in_batches(those, 2, np.random.default_rng(seed))
+        assert sorted(i for group in mixed for i in group) == list(range(7))
+        assert {len(group) for group in mixed} == {1, 2}
+    assert in_batches(those, 2, np.random.default_rng(0)) != mixed
+
+
+def test_the_scale_of_what_does_not_move_or_is_not_there():
+    flat = np.column_stack([np.full(6, 0.3), np.full(6, np.nan), np.arange(6.0)])
+    scale = scale_of([Example(np.zeros((10, 18), np.float32), flat)])
+    np.testing.assert_allclose(scale.mean, [0.3, 0.0, 2.5])
+    np.testing.assert_allclose(scale.deviation, [1.0, 1.0, np.std(np.arange(6.0))])
+
+
+def test_a_network_starts_from_the_same_weights_whatever_is_beside_it():
+    own = Network("jaw", (0, 1), 4)
+    alone = Stack.started([own], 36, 5, 5, seed=2)
+    beside = Stack.started([Network("lips", (2, 3, 4), 4), own], 36, 5, 5, seed=2)
+    np.testing.assert_array_equal(alone.weights.inputs[0], beside.weights.inputs[1])
+    np.testing.assert_array_equal(alone.weights.delayed[0], beside.weights.delayed[1])
+    assert not beside.weights.outputs[1, :, 2].any()
+
+
+# -- the sweep of figure 4 ---------------------------------------------------------------------
+
+
+def test_the_sweep_tells_what_separate_networks_would(small_corpus, small_validation):
+    # One sentence has one order.
+    small_corpus = small_corpus.select(["s3"])
+    settings = control.create("ann-low-latency", hidden_units=4, epochs=8)
+    told = []
+    points = look_ahead_sweep(
+        small_corpus, small_validation, frames=(0, 3, 15), settings=settings, progress=told.append
+    )
+    assert [point.frames for point in points] == [0, 3, 15]
+    assert [point.look_ahead for point in points] == [0.0, 0.05, 0.25]
+    assert {entry.part for entry in told} == {"0 ahead", "3 ahead", "15 ahead"}
+    names = ("jaw_rotation", "upper_lip_raise", "lower_lip_depression")
+
+    def occlusion(corpus):
+        return Corpus.of(
+            [
+                Utterance.of(
+                    u.tracks.replace(
+                        names=names,
+                        values=u.tracks.values[:, u.tracks.indices(names)],
+                        standard_deviations=None,
+                    ),
+                    u.phones,
+                )
+                for u in corpus
+            ],
+            corpus.phone_set,
+        )
+
+    for point in points:
+        alone = control.create(
+            "ann-low-latency", groups={f"{point.frames} ahead": names}, hidden_units=4, epochs=8,
+            frames_ahead=point.frames, frames_behind=30 - point.frames,
+        )  # fmt: skip
+        alone.fit(occlusion(small_corpus), occlusion(small_validation))
+        least = min(entry.validation_error for entry in alone.log_)
+        assert point.error == pytest.approx(least, rel=2e-3)
+
+
+def test_seeing_ahead_helps_where_the_tracks_move_early():
+    corpus = told_by_networks(sentences(24, 12), [("open",)], (6,), behind=2, ahead=4)
+    training, held_out = corpus.held_out(0.2)
+    settings = control.create("ann-low-latency", hidden_units=8, epochs=12, learning_rate=0.01)
+    points = look_ahead_sweep(training, held_out, frames=(0, 2, 6), settings=settings)
+    errors = [point.error for point in points]
+    assert errors[0] > 1.2 * errors[1] > 1.2 * errors[2]
+    assert all(0 < point.epoch <= 12 for point in points)
+
+
+@pytest.mark.parametrize("frames", [(), (1, 1), (-1,), (31,)])
+def test_impossible_look_aheads_are_refused(frames, small_corpus):
+    with pytest.raises(ConfigurationError, match="look-aheads"):
+        look_ahead_sweep(small_corpus, small_corpus, frames=frames)
+
+
+def test_a_sweep_of_what_is_not_there_is_refused(small_corpus):
+    with pytest.raises(DataError, match="brow"):
+        look_ahead_sweep(small_corpus, small_corpus, parameters=("brow",))
+    uneven = control.create("ann-low-latency", hidden_units=(4, 4, 3, 3))
+    with pytest.raises(ConfigurationError, match="one size"):
+        look_ahead_sweep(small_corpus, small_corpus, settings=uneven)
+
+
+def test_examples_are_those_with_values(small_corpus):
+    assert len(examples(small_corpus, 3, 2)) == len(small_corpus)
+    assert corpus_of(SENTENCES[:1]).parameter_names == NAMES

@@ -1,0 +1,386 @@
+"""Recurrent networks: what they see, what they compute, and their live form."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from control_cases import NAMES, RATE, SENTENCES, corpus_of, spoken
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mocap_fit import control
+from mocap_fit.control.networks.examples import example, inner_targets
+from mocap_fit.control.networks.features import (
+    INNER_RATE,
+    INPUT_NAMES,
+    PhoneInputs,
+    lead,
+    phone_inputs,
+    utterance_inputs,
+    windows,
+)
+from mocap_fit.control.networks.recurrent import (
+    connections,
+    drawn_weights,
+    errors_and_gradient,
+    hidden_units,
+    network_outputs,
+    without_offsets,
+)
+from mocap_fit.errors import ConfigurationError, DataError
+from mocap_fit.phones import PhoneSegment, PhoneSequence, load_phone_set
+from mocap_fit.tracks import ParameterTracks
+
+SMALL = {"hidden_units": 5, "epochs": 2}
+
+
+def one(segments):
+    return PhoneSequence(tuple(segments), phone_set="sv-sta")
+
+
+@pytest.fixture(scope="module")
+def low_latency():
+    return control.create("ann-low-latency", **SMALL).fit(corpus_of(SENTENCES[:4]))
+
+
+# -- the paper's sizes -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["ann", "ann-low-latency"])
+def test_connections_are_those_of_table_1_before_any_training(name):
+    model = control.create(name)
+    assert list(model.connection_counts.values()) == [40603, 40603, 21332, 21332]
+    assert model.parameter_count == 123870
+    assert control.create(name, phone_set="sv-sta").parameter_count == 123870
+    assert [network.hidden for network in model.networks] == [50, 50, 30, 30]
+
+
+def test_contexts_are_the_papers():
+    first, second = control.create("ann"), control.create("ann-low-latency")
+    assert (first.frames_behind, first.frames_ahead) == (15, 15)
+    assert (second.frames_behind, second.frames_ahead) == (28, 2)
+    assert first.look_ahead == 0.25
+    assert second.look_ahead == 2 / 60
+
+
+def test_connections_are_counted_as_the_arrays_are():
+    weights = drawn_weights(1, 12, 4, 3, 5, np.random.default_rng(0))
+    assert sum(array.size for array in weights) == connections(12, 4, 3, 5)
+
+
+def test_groups_and_hidden_units_of_ones_own():
+    groups = {"lips": NAMES[1:8], "jaw": (NAMES[8], NAMES[0], NAMES[9])}
+    model = control.create("ann", groups=groups, hidden_units=(4, 3), epochs=1)
+    model.fit(corpus_of(SENTENCES[:2]))
+    assert [network.columns for network in model.networks] == [tuple(range(1, 8)), (8, 0, 9)]
+    assert model.parameter_count == sum(array.size for own in model.weights_ for array in own)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"groups": {"lips": NAMES[1:]}}, "every parameter once"),
+        ({"groups": {"lips": NAMES, "jaw": NAMES[:1]}}, "every parameter once"),
+        ({"groups": {"lips": NAMES, "jaw": ()}}, "no parameter"),
+        ({"hidden_units": (3, 3)}, "hidden units"),
+        ({"hidden_units": 0}, "hidden units"),
+        ({"frames_ahead": -1}, "frames_ahead"),
+        ({"frames_behind": 1.5}, "frames_behind"),
+        ({"delays": 0}, "delays"),
+        ({"patience": 0}, "patience"),
+        ({"batch_size": 0}, "batch_size"),
+        ({"averaging": 1.0}, "averaging"),
+        ({"forgiven_offset": 1.0}, "forgiven_offset"),
+        ({"learning_rate": math.nan}, "learning_rate"),
+        ({"seed": -1}, "seed"),
+    ],
+)
+def test_impossible_settings_are_refused(wrong, message):
+    with pytest.raises(ConfigurationError, match=message):
+        control.create("ann", **{**SMALL, **wrong}).fit(corpus_of(SENTENCES[:1]))
+
+
+def test_a_corpus_of_another_phone_set_is_refused():
+    with pytest.raises(DataError, match="another phone set"):
+        control.create("ann", phone_set="cs-ipa", **SMALL).fit(corpus_of(SENTENCES[:1]))
+
+
+# -- inputs and targets ------------------------------------------------------------------------
+
+
+def test_inputs_are_the_phones_features_and_whether_something_is_spoken():
+    chosen = load_phone_set("sv-sta")
+    vowel = PhoneSegment(0.0, 0.1, "A:", 1)
+    found = phone_inputs(chosen, vowel)
+    assert len(INPUT_NAMES) == len(found) == 18
+    np.testing.assert_array_equal(found[:-1], chosen.features(vowel))
+    assert found[-1] == 1.0
+    assert not phone_inputs(chosen, PhoneSegment(0.0, 0.1, "sil")).any()
+    unstressed = phone_inputs(chosen, vowel, stress=False)
+    assert np.flatnonzero(found != unstressed).tolist() == [INPUT_NAMES.index("stress")]
+
+
+@given(
+    lengths=st.lists(st.integers(1, 12), min_size=1, max_size=8),
+    start=st.integers(-3000, 300000),
+)
+@settings(max_examples=30, deadline=None)
+def test_boundaries_on_a_frame_fall_to_the_phone_that_begins(lengths, start):
+    # All boundaries on inner frames, at any time of day: rounding must not move one.
+    ends = np.cumsum([0, *lengths])
+    segments = [
+        PhoneSegment((start + a) / INNER_RATE, (start + b) / INNER_RATE, "MSTL"[i % 4])
+        for i, (a, b) in enumerate(itertools.pairwise(ends))
+    ]
+    inputs = PhoneInputs(load_phone_set("sv-sta"), phones=segments)
+    times = np.arange(-3, ends[-1] + 3) / INNER_RATE
+    wanted = np.repeat([inputs.row((a + 0.5) / INNER_RATE) for a in ends[:-1]], lengths)
+    np.testing.assert_array_equal(inputs.rows(times), np.pad(wanted, 3))
+    assert [inputs.row(time) for time in times] == inputs.rows(times).tolist()
+
+
+def test_a_window_holds_the_context_oldest_first():
+    phones = spoken("sil M 'A: S sil", 4)
+    chosen = load_phone_set("sv-sta")
+    inputs = utterance_inputs(phones, chosen, 40, behind=4, ahead=2)
+    seen = windows(inputs, 7)
+    assert seen.shape == (40, 7 * 18)
+    looked_up = PhoneInputs(chosen, phones=phones)
+    frame = 21
+    for place in range(7):
+        time = (frame - lead(2) - 4 + place) / INNER_RATE
+        row = looked_up.table[looked_up.row(time)]
+        np.testing.assert_array_equal(seen[frame, 18 * place : 18 * (place + 1)], row)
+
+
+@pytest.mark.parametrize("rate", [25.0, 60.0, 100.0, 240.0])
+def test_targets_are_the_tracks_at_the_inner_rate(rate):
+    times = 0.02 + np.arange(int(2 * rate)) / rate
+    values = np.sin(2 * np.pi * 1.5 * times[:, None] + np.array([0.0, 1.0]))
+    tracks = ParameterTracks(("a", "b"), rate, values, start_time=0.02)
+    found = inner_targets(tracks, -0.1)
+    inner = -0.1 + np.arange(len(found)) / INNER_RATE
+    inside = (inner >= 0.02 - 1e-9) & (inner <= times[-1] + 1e-9)
+    assert inside[-1]
+    assert (np.isnan(found).any(axis=1) == ~inside).all()
+    wanted = np.sin(2 * np.pi * 1.5 * inner[:, None] + np.array([0.0, 1.0]))
+    # The ends of what is filtered from a higher rate are less sure.
+    sure = inside & (inner > 0.2) & (inner < 1.8)
+    np.testing.assert_allclose(found[sure], wanted[sure], atol=5e-3)
+
+
+def test_targets_on_the_inner_frames_are_the_values_themselves():
+    values = np.random.default_rng(1).normal(size=(50, 3))
+    values[7, 1] = np.nan
+    tracks = ParameterTracks(("a", "b", "c"), 60.0, values, start_time=0.5)
+    found = inner_targets(tracks, 0.5 - 4 / 60)
+    assert np.isnan(found[:4]).all()
+    np.testing.assert_allclose(found[4:], values, atol=1e-9)
+
+
+def test_targets_end_where_the_tracks_do_whatever_the_phones_say():
+    corpus = corpus_of(SENTENCES[:1])
+    utterance = corpus.utterances[0]
+    whole = example(utterance, corpus, 3, 2)
+    assert len(whole.inputs) == len(whole.targets) + 5
+    assert len(inner_targets(utterance.tracks, 100.0)) == 0
+    single = ParameterTracks(NAMES, RATE, np.ones((1, 10)))
+    np.testing.assert_array_equal(inner_targets(single, 0.0), np.ones((1, 10)))
+
+
+# -- the networks ------------------------------------------------------------------------------
+
+
+def plainly(weights, network, seen):
+    """One network and one sentence, unit by unit as the paper says it."""
+    inputs, delayed, hidden_bias, outputs, output_bias = (array[network] for array in weights)
+    size, delays = inputs.shape[1], weights.delays
+    past = [np.zeros(size) for _ in range(delays)]
+    found = []
+    for row in seen:
+        net = row @ inputs + hidden_bias[0]
+        for delay in range(1, delays + 1):
+            block = delayed[(delays - delay) * size : (delays - delay + 1) * size]
+            net = net + past[-delay] @ block
+        past.append(np.tanh(net))
+        found.append(past[-1] @ outputs + output_bias[0])
+    return np.array(found)
+
+
+def problem(seed=3):
+    rng = np.random.default_rng(seed)
+    weights = drawn_weights(2, 14, 4, 3, 5, rng)
+    weights = weights._replace(
+        hidden_bias=rng.normal(size=(2, 1, 4)), output_bias=rng.normal(size=(2, 1, 3))
+    )
+    seen = rng.normal(size=(3, 13, 14))
+    targets = rng.normal(size=(2, 3, 13, 3))
+    counted = (rng.random(targets.shape) < 0.8).astype(float)
+    return weights, seen, targets, counted
+
+
+def test_stacked_networks_are_the_plain_ones():
+    weights, seen, _, _ = problem()
+    found = network_outputs(weights, hidden_units(weights, seen)[:, :, weights.delays :])
+    for network in range(2):
+        for sentence in range(3):
+            wanted = plainly(weights, network, seen[sentence])
+            np.testing.assert_allclose(found[network, sentence], wanted, atol=1e-12)
+
+
+def test_a_run_can_be_gone_on_with():
+    weights, seen, _, _ = problem()
+    whole = hidden_units(weights, seen)
+    first = hidden_units(weights, seen[:, :6])
+    second = hidden_units(weights, seen[:, 6:], first[:, :, -weights.delays :])
+    np.testing.assert_allclose(second, whole[:, :, 6:], atol=1e-12)
+
+
+@pytest.mark.parametrize("forgiven", [0.0, 0.9])
+def test_gradients_agree_with_finite_differences(forgiven):
+    weights, seen, targets, counted = problem()
+    counts = counted.sum(axis=(1, 2, 3))
+
+    def error(changed):
+        squares, _ = errors_and_gradient(changed, seen, targets, counted, forgiven)
+        return float((squares.sum(axis=1) / counts).sum())
+
+    _, gradient = errors_and_gradient(weights, seen, targets, counted, forgiven)
+    rng = np.random.default_rng(0)
+    for kind, slope in enumerate(gradient):
+        for _ in range(12):
+            index = tuple(rng.integers(size) for size in slope.shape)
+            sides = []
+            for step in (1e-5, -1e-5):
+                changed = weights.map(np.copy)
+                changed[kind][index] += step
+                sides.append(error(changed))
+            assert (sides[0] - sides[1]) / 2e-5 == pytest.approx(slope[index], abs=1e-8)
+
+
+def test_errors_count_only_what_counts():
+    weights, seen, targets, counted = problem()
+    squares, gradient = errors_and_gradient(weights, seen, targets, counted)
+    other = np.where(counted > 0, targets, 99.0)
+    again, same = errors_and_gradient(weights, seen, other, counted)
+    np.testing.assert_allclose(again, squares, atol=1e-12)
+    for one_slope, other_slope in zip(gradient, same, strict=True):
+        np.testing.assert_allclose(other_slope, one_slope, atol=1e-12)
+    found = network_outputs(weights, hidden_units(weights, seen)[:, :, weights.delays :])
+    wanted = (((found - targets) * counted) ** 2).sum(axis=(1, 2))
+    np.testing.assert_allclose(squares, wanted, atol=1e-12)
+
+
+def test_what_is_forgiven_is_a_sentences_mean():
+    rng = np.random.default_rng(2)
+    counted = (rng.random((1, 3, 20, 2)) < 0.7).astype(float)
+    difference = rng.normal(size=counted.shape) * counted
+    assert without_offsets(difference, counted, 0.0) is difference
+    kept = without_offsets(difference, counted, 1.0)
+    np.testing.assert_allclose(kept.sum(axis=2), 0.0, atol=1e-12)
+    wanted = difference - difference.sum(axis=2, keepdims=True) / counted.sum(axis=2, keepdims=True)
+    np.testing.assert_allclose(kept, wanted * counted, atol=1e-12)
+    assert not without_offsets(np.zeros((1, 1, 4, 1)), np.zeros((1, 1, 4, 1)), 0.5).any()
+
+
+# -- predictions, whole and live ---------------------------------------------------------------
+
+
+def test_predictions_are_those_of_the_plain_networks(low_latency, new_phones):
+    model = low_latency
+    frames = 40
+    inputs = utterance_inputs(new_phones, model.phone_set_, lead(2) + frames, 28, 2)
+    seen = windows(inputs, 31)
+    found = model.predict(new_phones, 60.0, frames=frames).values
+    for network, weights in zip(model.networks, model.weights_, strict=True):
+        wanted = plainly(weights, 0, seen)[lead(2) :]
+        np.testing.assert_allclose(found[:, list(network.columns)], wanted, atol=1e-10)
+
+
+@pytest.mark.parametrize("rate", [60.0, 50.0, 24.0, 144.0])
+@pytest.mark.parametrize("name", ["ann", "ann-low-latency"])
+def test_live_frames_are_the_very_numbers_of_predict(name, rate, trained, new_phones):
+    model = trained(name)
+    stream = model.stream(rate)
+    frames = []
+    for segment in new_phones:
+        stream.push(segment)
+        frames.extend(stream.pull())
+    frames.extend(stream.finish())
+    np.testing.assert_array_equal(frames, model.predict(new_phones, rate).values)
+
+
+def test_a_long_live_utterance_keeps_its_numbers(low_latency):
+    phones = spoken(" ".join(["M 'A: L I: sil S 'O: T"] * 12), 8)
+    stream = low_latency.stream(60.0)
+    frames = []
+    for segment in phones:
+        stream.push(segment)
+        frames.extend(stream.pull())
+    frames.extend(stream.finish())
+    np.testing.assert_array_equal(frames, low_latency.predict(phones, 60.0).values)
+    # What is long past is not kept.
+    assert len(stream._inputs._starts) < 30
+
+
+def test_a_live_frame_comes_as_soon_as_its_look_ahead_is_known(low_latency):
+    stream = low_latency.stream(60.0)
+    assert stream.pull().shape == (0, 10)
+    stream.push(PhoneSegment(1.0, 1.0 + 10 / 60, "M"))
+    # Frame 7 looks at frame 9, the last of the phone; frame 8 looks at what is not known.
+    assert len(stream.pull()) == 8
+    stream.push(PhoneSegment(1.0 + 10 / 60, 1.0 + 11 / 60, "S"))
+    assert len(stream.pull()) == 1
+    assert len(stream.pull()) == 0
+    assert len(stream.finish()) == 2
+
+
+@given(at=st.floats(0.3, 0.9), seed=st.integers(0, 3))
+@settings(max_examples=25, deadline=None)
+def test_the_look_ahead_is_exact_at_every_time(low_latency, at, seed):
+    phones = spoken("M 'A: L I: S 'O: T A B 'I: R M 'A: S", seed)
+    sight = at + low_latency.look_ahead
+    changed = [
+        PhoneSegment(s.start, s.end, "P" if s.start > sight + 1e-6 else s.phone, s.stress)
+        for s in phones
+    ]
+    times = np.array([at])
+    wanted = low_latency.predict_at(phones, times)
+    found = low_latency.predict_at(one(changed), times)
+    np.testing.assert_array_equal(found, wanted)
+
+
+def test_what_is_just_in_sight_matters(low_latency):
+    before = one([PhoneSegment(0.0, 0.5, "A:"), PhoneSegment(0.5, 1.0, "A:")])
+    after = one([PhoneSegment(0.0, 0.5, "A:"), PhoneSegment(0.5, 1.0, "P")])
+    for at in (0.5 - 2 / 60, 0.5 - 1.7 / 60):
+        found = [low_latency.predict_at(phones, np.array([at])) for phones in (before, after)]
+        assert np.abs(found[0] - found[1]).max() > 1e-9
+
+
+def test_between_inner_frames_the_movement_is_continuous(low_latency, new_phones):
+    inner = low_latency.predict(new_phones, 60.0).values
+    fine = low_latency.predict(new_phones, 6000.0).values
+    np.testing.assert_allclose(fine[::100], inner, atol=1e-9)
+    # A phone that comes into sight between two frames shows at once, and no more than it will.
+    largest = np.abs(np.diff(inner, axis=0)).max()
+    assert np.abs(np.diff(fine, axis=0)).max() <= largest + 1e-9
+
+
+def test_silence_lasts(low_latency, new_phones):
+    times = np.array([-50.0, -0.5, new_phones[-1].end + 3.0, new_phones[-1].end + 1e6])
+    found = low_latency.predict_at(new_phones, times)
+    np.testing.assert_array_equal(found[0], found[1])
+    np.testing.assert_array_equal(found[2], found[3])
+    np.testing.assert_allclose(found[0], found[2], atol=0.1)
+
+
+def test_without_stress_stress_does_not_matter():
+    corpus = corpus_of(SENTENCES[:2])
+    phones = one([PhoneSegment(0.0, 0.2, "A:", 0), PhoneSegment(0.2, 0.4, "S")])
+    stressed = one([PhoneSegment(0.0, 0.2, "A:", 1), PhoneSegment(0.2, 0.4, "S")])
+    for stress in (True, False):
+        model = control.create("ann", stress=stress, **SMALL).fit(corpus)
+        found = [model.predict(each).values for each in (phones, stressed)]
+        assert (np.abs(found[0] - found[1]).max() > 1e-9) == stress

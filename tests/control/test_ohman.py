@@ -1,0 +1,228 @@
+"""Öhman's model: its equations, utterances of every make, and truth that it made itself."""
+
+import numpy as np
+import pytest
+from control_cases import corpus_of, spoken
+
+from mocap_fit import control
+from mocap_fit.control.levenberg_marquardt import minimise
+from mocap_fit.control.ohman import _Track, blends, peaks, smoothstep, vowels
+from mocap_fit.control.training import Symbols, recordings
+from mocap_fit.corpus import Corpus, Utterance
+from mocap_fit.errors import ConfigurationError
+from mocap_fit.phones import PhoneSegment, PhoneSequence, load_phone_set
+from mocap_fit.tracks import ParameterTracks
+
+# Positions: two vowels, two consonants.
+VOWEL = np.array([True, True, False, False])
+SEEN = np.ones(4, dtype=bool)
+
+
+def blended(positions, centres, times, seen=SEEN):
+    at = np.array(centres, dtype=float)
+    both = np.stack([at, at], axis=1)
+    track, consonants = blends(np.array(positions), both, np.array(times, dtype=float), VOWEL, seen)
+    return track.toarray(), consonants.toarray()
+
+
+def test_the_blend_is_level_at_its_three_knots():
+    step = 1e-6
+    for knot, value in ((0.0, 0.0), (1.0, 1.0)):
+        assert smoothstep(np.array([knot]))[0] == value
+        slope = (smoothstep(np.array([knot + step])) - smoothstep(np.array([knot - step]))) / step
+        assert abs(slope[0]) < 1e-5
+    assert smoothstep(np.array([0.5]))[0] == 0.5
+
+
+def test_a_consonant_counts_from_the_centre_before_to_the_centre_after():
+    # V1 C1 C2 V2 (Figure 3), centres 1 apart.
+    times = np.linspace(0.0, 3.0, 31)
+    track, consonants = blended([0, 2, 3, 1], [0, 1, 2, 3], times)
+    np.testing.assert_allclose(consonants[[0, 10, 20, 30], 2], [0, 1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(consonants[[0, 10, 20, 30], 3], [0, 0, 1, 0], atol=1e-12)
+    assert not consonants[:, :2].any()
+    # In a cluster one hands over to the next.
+    np.testing.assert_allclose(consonants[10:21].sum(axis=1), 1.0)
+    # The vowel track goes from the one vowel to the other past both.
+    np.testing.assert_allclose(track.sum(axis=1), 1.0)
+    np.testing.assert_allclose(track[15], [0.5, 0.5, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(track[:, 1], smoothstep(times / 3))
+
+
+def test_long_segments_stay_at_their_peak():
+    phones = PhoneSequence(
+        (PhoneSegment(0.0, 1.0, "sil"), PhoneSegment(1.0, 1.1, "A"), PhoneSegment(1.1, 1.5, "S"))
+    )
+    held = peaks(phones, 0.07)
+    np.testing.assert_allclose(held, [[0.07, 0.93], [1.05, 1.05], [1.17, 1.43]])
+    np.testing.assert_allclose(peaks(phones, None), [[0.5, 0.5], [1.05, 1.05], [1.3, 1.3]])
+    assert (peaks(phones, 0.0)[:, 1] == phones.ends).all()
+    _, consonants = blends(np.array([2, 0, 3]), held, np.array([0.2, 0.9, 0.99, 1.3]), VOWEL, SEEN)
+    np.testing.assert_allclose(consonants.toarray()[:, 2], [1, 1, 0.5, 0])
+    np.testing.assert_allclose(consonants.toarray()[3, 3], 1)
+
+
+def test_utterances_that_begin_and_end_with_consonants():
+    track, consonants = blended([2, 0, 3], [1, 2, 3], [0.0, 1.0, 2.0, 3.0, 4.0])
+    # The track stands at the only vowel; the outer consonants stand at their full influence.
+    np.testing.assert_allclose(track[:, 0], 1.0)
+    np.testing.assert_allclose(consonants[:, 2], [1, 1, 0, 0, 0])
+    np.testing.assert_allclose(consonants[:, 3], [0, 0, 0, 1, 1])
+
+
+def test_vowels_side_by_side_and_one_phone_alone():
+    track, consonants = blended([0, 1], [1, 2], [0.0, 1.5, 3.0])
+    np.testing.assert_allclose(track[:, :2], [[1, 0], [0.5, 0.5], [0, 1]])
+    assert not consonants.any()
+    for positions, wanted in (([0], [1, 0, 0, 0]), ([2], [0.5, 0.5, 0, 0])):
+        track, consonants = blended(positions, [1], [0.0, 1.0, 2.0])
+        np.testing.assert_allclose(track, [wanted] * 3)
+        np.testing.assert_allclose(consonants[:, 2], float(positions == [2]))
+
+
+def test_without_a_vowel_the_track_is_the_mean_of_those_the_corpus_had():
+    seen = np.array([False, True, True, True])
+    track, _ = blended([2, 3], [1, 2], [1.0, 1.5], seen)
+    np.testing.assert_allclose(track, [[0, 1, 0, 0]] * 2)
+    none = np.array([False, False, True, True])
+    assert not blended([2, 3], [1, 2], [1.0], none)[0].any()
+
+
+def test_the_derivatives_agree_with_finite_differences(small_corpus, rng):
+    symbols = Symbols.of(small_corpus, True)
+    data = recordings(small_corpus, symbols)[:3]
+    model = control.create("ohman")
+    model.symbols_ = symbols
+    track = _Track.of(data, model._blends_of(data), 0)
+    phones = len(symbols)
+    point = np.concatenate(
+        [rng.normal(0, 1, phones), np.where(vowels(symbols), 0, rng.uniform(0, 1, phones))]
+    )
+    found = track.equations(point)
+    step = 1e-6
+    for place in range(len(point)):
+        if place >= phones and vowels(symbols)[place - phones]:
+            continue
+        ahead, behind = point.copy(), point.copy()
+        ahead[place] += step
+        behind[place] -= step
+        slope = (track.error(ahead) - track.error(behind)) / (4 * step)
+        assert found.slope[place] == pytest.approx(slope, abs=1e-6)
+    assert found.error == pytest.approx(track.error(point))
+    np.testing.assert_allclose(found.squares, found.squares.T)
+
+
+def test_the_parameters_are_those_of_the_paper():
+    assert control.create("ohman", phone_set="sv-sta").parameter_count == 1040
+    assert control.create("ohman", phone_set="sv-sta", stress=False).parameter_count == 800
+
+
+def truth(count: int, seed: int, targets, factors, names) -> Corpus:
+    """Random utterances, some without a vowel, that targets and factors make."""
+    phone_set = load_phone_set("sv-sta")
+    symbols = phone_set.symbols()
+    is_vowel = np.array([phone_set.is_vowel(symbol) for symbol in symbols])
+    rng = np.random.default_rng(seed)
+    used = np.concatenate([np.flatnonzero(is_vowel)[:8], np.flatnonzero(~is_vowel)[:9]])
+    seen = np.isin(np.arange(len(symbols)), used)
+    utterances = []
+    for number in range(count):
+        chosen = rng.choice(used[8:] if number % 15 == 14 else used, 18)
+        ends = np.cumsum(rng.uniform(0.04, 0.16, len(chosen)))
+        segments = []
+        for begin, end, symbol in zip([0.0, *ends[:-1]], ends, chosen, strict=True):
+            phone, stress = phone_set.parse(symbols[symbol])
+            segments.append(PhoneSegment(float(begin), float(end), phone, stress or 0))
+        phones = PhoneSequence(tuple(segments), phone_set="sv-sta", name=f"u{number:03d}")
+        times = np.arange(int(ends[-1] * 60)) / 60
+        track, consonants = blends(
+            chosen, peaks(phones, control.create("ohman").hold), times, is_vowel, seen
+        )
+        v = track @ targets
+        # Equation 16.
+        values = v + consonants @ (factors * targets) - (consonants @ factors) * v
+        tracks = ParameterTracks(names, 60.0, values, name=phones.name)
+        utterances.append(Utterance.of(tracks, phones))
+    return Corpus.of(utterances, phone_set)
+
+
+def test_known_truth_is_found_from_a_neutral_start(rng):
+    names = ("jaw_rotation", "lip_rounding", "jaw_thrust")
+    targets = rng.normal(0.2, 0.3, (76, 3))
+    factors = rng.uniform(0.05, 1.0, (76, 3))
+    model = control.create("ohman").fit(truth(60, 1, targets, factors, names))
+    for utterance in truth(15, 2, targets, factors, names):
+        tracks = utterance.tracks
+        apart = model.predict_at(utterance.phones, tracks.times) - tracks.values
+        spread = np.ptp(tracks.values, axis=0)
+        assert (np.sqrt(np.mean(apart**2, axis=0)) < 0.01 * spread).all()
+    found = model.free_parameters()
+    heard = model.symbols_.seen
+    consonant = heard & ~vowels(model.symbols_)
+    np.testing.assert_allclose(found["target"].T[heard], targets[heard], atol=0.05)
+    np.testing.assert_allclose(found["w"].T[consonant], factors[consonant], atol=0.05)
+    assert np.isnan(found["w"][:, vowels(model.symbols_)]).all()
+
+
+def test_factors_stay_between_0_and_1_and_targets_within_reach(rng):
+    corpus = corpus_of(["sil 'A: S 'A: T 'I: sil", "sil T 'I: S 'A: T 'A: sil"])
+    noisy = Corpus.of(
+        [
+            Utterance.of(
+                u.tracks.replace(values=u.tracks.values + rng.normal(0, 3, u.tracks.values.shape)),
+                u.phones,
+            )
+            for u in corpus
+        ],
+        "sv-sta",
+    )
+    for prior in (0.0, 1.0):
+        model = control.create("ohman", prior=prior).fit(noisy)
+        assert (model.factors_ >= 0).all()
+        assert (model.factors_ <= 1).all()
+        values = np.concatenate([u.tracks.values for u in noisy])
+        assert (np.abs(model.targets_ - values.mean(axis=0)[:, None]) <= 3 * np.ptp(values)).all()
+
+
+def test_impossible_settings_are_refused():
+    for wrong in ({"patience": 0}, {"hold": -0.1}, {"pause": -1.0}):
+        with pytest.raises(ConfigurationError, match=next(iter(wrong))):
+            control.create("ohman", **wrong).fit(corpus_of(["sil 'A: sil"]))
+    assert control.create("ohman", hold=None, pause=None).fit(corpus_of(["sil 'A: sil"])).is_fitted
+
+
+def test_an_utterance_of_consonants_alone_is_learned(rng):
+    corpus = corpus_of(["S T S F S"])
+    model = control.create("ohman", prior=0.0).fit(corpus)
+    tracks = corpus.utterances[0].tracks
+    apart = model.predict_at(corpus.utterances[0].phones, tracks.times) - tracks.values
+    assert np.sqrt(np.mean(apart**2)) < 0.5 * tracks.values.std()
+    assert np.isfinite(model.predict(spoken("'A: S", 1)).values).all()
+
+
+def test_minimise_stays_between_its_bounds_and_finds_the_least_there():
+    from mocap_fit.control.levenberg_marquardt import Equations
+
+    # (x - 3)^2 + (10 (y - x^2))^2 with x at most 2.
+    def residuals(p):
+        return np.array([p[0] - 3.0, 10.0 * (p[1] - p[0] ** 2)])
+
+    def equations(p):
+        jacobian = np.array([[1.0, 0.0], [-20.0 * p[0], 10.0]])
+        r = residuals(p)
+        return Equations(jacobian.T @ jacobian, jacobian.T @ r, float(r @ r))
+
+    path = []
+    found = minimise(
+        equations,
+        lambda p: float(residuals(p) @ residuals(p)),
+        np.array([-1.0, 1.0]),
+        (np.array([-5.0, -50.0]), np.array([2.0, 50.0])),
+        iterations=100,
+        tolerance=1e-14,
+        after=lambda iteration, point, error: path.append((iteration, error)),
+    )
+    np.testing.assert_allclose(found, [2.0, 4.0], atol=1e-5)
+    errors = [error for _, error in path]
+    assert [iteration for iteration, _ in path] == list(range(len(path)))
+    assert errors == sorted(errors, reverse=True)

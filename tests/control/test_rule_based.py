@@ -1,0 +1,238 @@
+"""The rule-based model: what is specified is reached, what is not comes from the context."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from control_cases import spoken
+
+from mocap_fit import control
+from mocap_fit.control.rule_based import RuleBased
+from mocap_fit.control.rule_table import load_rules, rule_languages
+from mocap_fit.errors import ConfigurationError
+from mocap_fit.face import load_face
+from mocap_fit.face.lips import lip_gap
+from mocap_fit.phones import (
+    ARTICULATORY_PARAMETERS,
+    PhoneSegment,
+    PhoneSequence,
+    load_phone_set,
+    phone_set_names,
+)
+
+LISTED = [name for name in phone_set_names() if name != "ipa"]
+RATE = 100.0
+
+
+@pytest.fixture(scope="module")
+def gap():
+    """A function: parameters `(frames, 10)` to the distance of the inner lips, mm, `(frames,)`."""
+    face = load_face()
+    assert face.parameter_names == ARTICULATORY_PARAMETERS
+    return lambda values: lip_gap(face, values)
+
+
+def said(labels, phone_set, length=0.08) -> PhoneSequence:
+    chosen = load_phone_set(phone_set)
+    segments = []
+    for position, label in enumerate(labels):
+        phone, stress = chosen.parse(label)
+        segments.append(PhoneSegment(position * length, (position + 1) * length, phone, stress))
+    return PhoneSequence(tuple(segments), phone_set=chosen.name, name="said")
+
+
+def frames_of(model, phones, position):
+    segment = phones[position]
+    times = np.arange(segment.start, segment.end, 1 / RATE)
+    return model.predict_at(phones, times)
+
+
+@pytest.mark.parametrize("name", LISTED)
+def test_bilabials_close_the_lips_on_every_one(name, gap):
+    phone_set = load_phone_set(name)
+    model = RuleBased().ready(name)
+    vowels = [p.symbol for p in phone_set.phones if p.kind == "vowel"]
+    long = [said([phone_set.silence, v, phone_set.silence], name, 0.2) for v in vowels]
+    centres = [model.predict_at(phones, np.array([0.3]))[0] for phones in long]
+    widest = gap(np.array(centres)).max()
+    assert widest > 8.0
+    closed = [p.symbol for p in phone_set.phones if "bilabial_stop" in p.classes()]
+    assert len(closed) >= 3
+    for symbol in closed:
+        for vowel in vowels[::4]:
+            for length in (0.03, 0.08):
+                phones = said([vowel, symbol, vowel], name, length)
+                gaps = gap(frames_of(model, phones, 1))
+                assert gaps.min() < 0.1 * widest, (vowel, symbol, length)
+                assert gaps.min() < 0.9, (vowel, symbol, length)
+
+
+@pytest.mark.parametrize("name", LISTED)
+def test_labiodentals_bring_the_lower_lip_to_the_teeth(name, gap):
+    phone_set = load_phone_set(name)
+    model = RuleBased().ready(name)
+    at = {n: k for k, n in enumerate(ARTICULATORY_PARAMETERS)}
+    open_vowel = max(
+        (p for p in phone_set.phones if p.kind == "vowel"), key=lambda p: p.values["open"]
+    )
+    for phone in phone_set.phones:
+        if "labiodental" not in phone.classes():
+            continue
+        phones = said([open_vowel.symbol, phone.symbol, open_vowel.symbol], name)
+        centre = model.predict_at(phones, np.array([phones[1].centre]))[0]
+        # Drawn in and up, under an upper lip that is lifted, with the jaw nearly closed; not shut.
+        assert centre[at["lower_lip_retraction"]] > 0.4
+        assert centre[at["lower_lip_depression"]] < 0
+        assert centre[at["upper_lip_raise"]] > 0.1
+        assert centre[at["jaw_rotation"]] < 0.2
+        assert 0.5 < gap(centre[None])[0] < 4.0
+
+
+@pytest.mark.parametrize("name", LISTED)
+def test_open_vowels_open_and_rounded_ones_round(name):
+    phone_set = load_phone_set(name)
+    model = RuleBased().ready(name)
+    single = [p for p in phone_set.phones if p.kind == "vowel" and len(model.table_.parts(p)) == 1]
+    jaw, rounding = [], []
+    for phone in single:
+        phones = said([phone_set.silence, phone.symbol, phone_set.silence], name, 0.2)
+        row = model.predict_at(phones, np.array([phones[1].centre]))[0]
+        jaw.append(row[0])
+        rounding.append(row[1])
+    opens = [phone.values["open"] for phone in single]
+    assert np.corrcoef(opens, jaw)[0, 1] > 0.9
+    rounded = np.array([phone.values["rounded"] for phone in single])
+    assert np.array(rounding)[rounded > 0.5].min() > np.array(rounding)[rounded <= 0].max() + 0.2
+
+
+def test_what_is_not_specified_goes_from_context_to_context():
+    """V1 CCC V2 with V1 spread and V2 rounded, the paper's example (section 1.2)."""
+    model = RuleBased().ready("sv-sta")
+    phones = said(["I:", "S", "T", "K", "O:"], "sv-sta", 0.1)
+    rounding = ARTICULATORY_PARAMETERS.index("lip_rounding")
+    times = np.linspace(0.05, 0.45, 41)
+    track = model.predict_at(phones, times)[:, rounding]
+    assert track[0] < 0 < 0.8 < track[-1]
+    assert (np.diff(track) >= -1e-12).all()
+    # A straight line over the consonants, where the smoothing changes nothing.
+    inside = (times > 0.12) & (times < 0.38)
+    assert np.abs(np.diff(track[inside], 2)).max() < 1e-9
+
+
+def test_parameters_that_nothing_specifies_rest(trained):
+    model = trained("rule-based")
+    shift = ARTICULATORY_PARAMETERS.index("jaw_shift")
+    assert not model.predict(said(["A:", "P"], "sv-sta")).values[:, shift].any()
+    other = RuleBased().ready("sv-sta", ("brow", "jaw_rotation"))
+    tracks = other.predict(said(["A:", "P"], "sv-sta"))
+    assert tracks.names == ("brow", "jaw_rotation")
+    assert not tracks.values[:, 0].any()
+    assert tracks.values[:, 1].any()
+
+
+def test_movements_are_smooth():
+    phones = spoken("sil S T R 'Å: P A F 'A N sil", 4)
+    values = RuleBased().ready("sv-sta").predict(phones, 1000.0).values
+    speed = np.abs(np.diff(values, axis=0)) * 1000
+    assert speed.max() < 20.0
+    assert np.abs(np.diff(values, 2, axis=0)).max() < 0.2 * np.abs(np.diff(values, axis=0)).max()
+
+
+def test_vowels_without_stress_move_less():
+    model = RuleBased().ready("sv-sta")
+    stressed, unstressed, unmarked = (
+        said(["sil", label, "sil"], "sv-sta", 0.2) for label in ("'A:", "A:", "A:")
+    )
+    flat = tuple(dataclasses.replace(s, stress=0) for s in unstressed)
+    jaws = [
+        model.predict_at(phones, np.array([0.3]))[0, 0]
+        for phones in (stressed, unstressed.replace(segments=flat), unmarked)
+    ]
+    assert jaws[0] == jaws[2]
+    assert 0.5 * jaws[0] < jaws[1] < 0.95 * jaws[0]
+    deaf = RuleBased(stress=False).ready("sv-sta")
+    assert deaf.predict_at(unstressed.replace(segments=flat), np.array([0.3]))[0, 0] == jaws[0]
+
+
+def test_a_diphthong_moves_from_one_target_to_the_other():
+    model = RuleBased().ready("en-arpabet")
+    phones = said(["sil", "AW1", "sil"], "en-arpabet", 0.3)
+    rounding = model.predict_at(phones, np.array([0.375, 0.525]))[:, 1]
+    jaw = model.predict_at(phones, np.array([0.375, 0.525]))[:, 0]
+    assert rounding[1] > rounding[0] + 0.5
+    assert jaw[0] > jaw[1] + 0.15
+
+
+def test_every_sound_of_the_languages_tables_is_one_that_the_sets_have():
+    assert rule_languages() == ("cs", "en", "sv")
+    for name in LISTED:
+        phone_set = load_phone_set(name)
+        table = load_rules(phone_set)
+        for phone in phone_set.phones:
+            if phone.ipa:
+                assert table.parts(phone) in table.phones.values(), phone.symbol
+
+
+def test_other_languages_are_looked_up_by_features():
+    own = dataclasses.replace(load_phone_set("sv-sta"), language="fi")
+    model = RuleBased().ready(own)
+    assert not model.table_.phones
+    phones = said(["A", "P", "A"], "sv-sta")
+    jaw, depression = (
+        ARTICULATORY_PARAMETERS.index(n) for n in ("jaw_rotation", "lower_lip_depression")
+    )
+    row = model.predict_at(phones, np.array([phones[1].centre]))[0]
+    assert row[jaw] == pytest.approx(0.12)
+    assert row[depression] == pytest.approx(-0.38)
+
+
+def test_ready_needs_no_corpus_and_keeps_what_it_is_told(tmp_path):
+    model = control.create("rule-based").ready("cs-sampa", rate=25.0)
+    assert model.is_fitted
+    assert model.parameter_count == 0
+    tracks = model.predict(said(["a", "p", "a"], "cs-sampa"))
+    assert tracks.rate == 25.0
+    model.save(tmp_path / "model.npz")
+    loaded = control.load(tmp_path / "model.npz")
+    again = loaded.predict(said(["a", "p", "a"], "cs-sampa"))
+    np.testing.assert_array_equal(again.values, tracks.values)
+
+
+def test_a_table_of_ones_own(tmp_path):
+    file = tmp_path / "own.toml"
+    file.write_text(
+        'columns = ["jaw_rotation", "brow"]\nwindow = 0.01\n[phones]\n'
+        '"a" = [0.9, "-"]\n"p" = ["!0.1", 1.0]\n"aʊ" = [[0.9, 0.0], [0.2, 1.0]]\n',
+        encoding="utf-8",
+    )
+    model = RuleBased(rules=str(file)).ready("sv-sta", ("jaw_rotation", "brow"))
+    row = model.predict_at(said(["A", "P", "A"], "sv-sta"), np.array([0.04, 0.12]))
+    np.testing.assert_allclose(row, [[0.9, 1.0], [0.1, 1.0]], atol=1e-9)
+    moving = model.predict_at(said(["AU"], "sv-sta", 0.4), np.array([0.1, 0.3]))
+    np.testing.assert_allclose(moving, [[0.9, 0.0], [0.2, 1.0]], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("columns = [", "not TOML"),
+        ('columns = ["x"]\n[phones]\n"a" = [1.0, 2.0]\n', "2 targets for 1 columns"),
+        ('columns = ["x"]\n[phones]\n"a" = ["open"]\n', "no number"),
+        ('columns = ["x"]\n[phones]\n"a" = [nan]\n', "a"),
+        ("window = -1.0\n", "window"),
+        ("colour = 1\n", "colour"),
+        ('[phones]\n"a" = 1.0\n', "a"),
+        ('columns = ["x"]\n[phones]\n"a" = [[1.0], 2.0]\n', "a"),
+        ('columns = ["x"]\n[phones]\n"a" = ["!inf"]\n', "a"),
+    ],
+)
+def test_a_wrong_table_is_refused_with_its_place(tmp_path, text, told):
+    file = tmp_path / "own.toml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=rf"own\.toml[\s\S]*{told}|{told}[\s\S]*own\.toml"):
+        RuleBased(rules=str(file)).ready("sv-sta")
+
+
+def test_a_table_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(ConfigurationError, match="cannot be read"):
+        RuleBased(rules=str(tmp_path / "none.toml")).ready("sv-sta")

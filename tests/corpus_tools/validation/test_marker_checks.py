@@ -1,0 +1,144 @@
+"""Checks of markers on made-up movements: what is planted is found, whatever the coordinates."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from corpus_tools.validation import Context, Place, load_thresholds, shapes
+from corpus_tools.validation.exchanges import find_exchanges
+from corpus_tools.validation.subject import check_recording
+from mocap_fit.tracks import MarkerTracks
+
+LIMITS = load_thresholds()
+RATE, FRAMES, MARKERS = 100.0, 200, 8
+
+
+def movement(rng: np.random.Generator, noise: float = 0.2) -> np.ndarray:
+    """Markers 15 mm apart and more, each on a smooth way of its own."""
+    places = 15.0 * np.stack(np.meshgrid(range(2), range(2), range(2)), axis=-1).reshape(-1, 3)
+    times = np.arange(FRAMES)[:, None, None] / RATE
+    phases, size = rng.uniform(0, 6.28, (1, MARKERS, 3)), rng.uniform(0.5, 2.5, (1, MARKERS, 3))
+    moves = size * np.sin(2 * np.pi * 2.0 * times + phases)
+    return places + moves + rng.normal(0.0, noise, (FRAMES, MARKERS, 3))
+
+
+class TestExchanges:
+    @settings(deadline=None, max_examples=40)
+    @given(
+        seed=st.integers(0, 10_000),
+        first=st.integers(2, 90),
+        length=st.integers(1, 90),
+        ring=st.permutations(range(MARKERS)).flatmap(
+            lambda order: st.sampled_from([2, 3]).map(lambda n: tuple(order[:n]))
+        ),
+        lost=st.floats(0.0, 0.1),
+    )
+    def test_exchanged_names_are_found_and_mended(self, seed, first, length, ring, lost):
+        rng = np.random.default_rng(seed)
+        truth = movement(rng)
+        truth[rng.random((FRAMES, MARKERS)) < lost] = np.nan
+        # What tells is seen: the frames before and after each exchange.
+        for frame in (first, first + length):
+            truth[frame - 1 : frame + 1] = movement(np.random.default_rng(seed))[
+                frame - 1 : frame + 1
+            ]
+        given_names = truth.copy()
+        part = slice(first, first + length)
+        given_names[part, list(ring)] = truth[part, list(np.roll(ring, 1))]
+        exchanges, mended = find_exchanges(given_names, RATE, LIMITS.markers)
+        assert [(e.first, e.last, set(e.markers)) for e in exchanges] == [
+            (first, first + length - 1, set(ring))
+        ]
+        assert np.array_equal(mended, truth, equal_nan=True)
+
+    @settings(deadline=None, max_examples=30)
+    @given(seed=st.integers(0, 10_000), lost=st.floats(0.0, 0.2))
+    def test_nothing_is_exchanged_in_clean_movements(self, seed, lost):
+        rng = np.random.default_rng(seed)
+        truth = movement(rng)
+        truth[rng.random((FRAMES, MARKERS)) < lost] = np.nan
+        exchanges, mended = find_exchanges(truth, RATE, LIMITS.markers)
+        assert exchanges == []
+        assert mended is truth
+
+
+class TestCoordinates:
+    @settings(deadline=None, max_examples=5)
+    @given(turn=st.tuples(*[st.floats(-3, 3)] * 3), shift=st.tuples(*[st.floats(-2000, 2000)] * 3))
+    def test_findings_do_not_depend_on_the_place_of_the_cameras(self, turn, shift):
+        rng = np.random.default_rng(3)
+        positions = movement(rng, 0.05)
+        positions[50, 3] += 25.0
+        positions[100:130, [0, 5]] = positions[100:130, [5, 0]]
+        positions[60:140, 6] = np.nan
+        names = tuple("abcdefgh")
+
+        def found(array):
+            tracks = MarkerTracks(names, RATE, array)
+            findings, _ = check_recording(tracks, Context(LIMITS), Place("x"))
+            return [(f.code, f.place.item, f.place.frames) for f in findings]
+
+        moved = Rotation.from_rotvec(turn).apply(positions.reshape(-1, 3)).reshape(positions.shape)
+        assert found(moved + np.array(shift)) == found(positions)
+        assert {code for code, *_ in found(positions)} == {"MF102", "MF101", "MF104", "MF106"}
+
+    @pytest.mark.parametrize("frames", [0, 1, 2, 3])
+    def test_very_short_recordings(self, frames):
+        tracks = MarkerTracks(tuple("abcdefgh"), RATE, movement(np.random.default_rng(0))[:frames])
+        findings, _ = check_recording(tracks, Context(LIMITS), Place("x"))
+        assert [f.code for f in findings] == ([] if frames else ["MF103"])
+
+    def test_one_marker_alone(self):
+        tracks = MarkerTracks(("a",), RATE, movement(np.random.default_rng(0))[:, :1])
+        findings, shape = check_recording(tracks, Context(LIMITS), Place("x"))
+        assert shape is None
+        assert {f.code for f in findings} == {"MF126"}
+
+    def test_a_still_object_is_not_stuck(self):
+        still = np.repeat(movement(np.random.default_rng(0))[:1], 100, axis=0)
+        findings, _ = check_recording(
+            MarkerTracks(tuple("abcdefgh"), RATE, still), Context(LIMITS), Place("x")
+        )
+        assert findings == []
+
+
+class TestShapes:
+    @settings(deadline=None, max_examples=40)
+    @given(
+        turn=st.tuples(*[st.floats(-3, 3)] * 3),
+        scale=st.floats(0.01, 100.0),
+        mirrored=st.booleans(),
+        seed=st.integers(0, 1000),
+    )
+    def test_a_shape_is_laid_on_its_copy(self, turn, scale, mirrored, seed):
+        rng = np.random.default_rng(seed)
+        source = rng.normal(0.0, 40.0, (12, 3))
+        matrix = Rotation.from_rotvec(turn).as_matrix()
+        matrix = matrix @ np.diag([-1.0, 1.0, 1.0]) if mirrored else matrix
+        target = scale * source @ matrix.T + 500.0
+        target[3] += 30.0 * scale
+        fit = shapes.lay_on(source, target, 0.6, True)
+        assert fit.mirrored == mirrored
+        assert fit.scale == pytest.approx(scale, rel=0.02)
+        assert np.allclose(fit.matrix, matrix, atol=0.06)
+        assert int(np.argmax(fit.distances)) == 3
+
+    def test_points_on_a_line_tell_nothing(self):
+        line = np.arange(12.0)[:, None] * [1.0, 2.0, 3.0]
+        assert shapes.lay_on(line, line, 0.6, True) is None
+
+    @pytest.mark.parametrize(
+        ("matrix", "kind", "words"),
+        [
+            (np.eye(3), "same", "the axes are the same"),
+            (np.diag([-1.0, 1.0, 1.0]), "reversed", "x is reversed"),
+            (np.diag([-1.0, 1.0, -1.0]), "reversed", "x and z are reversed"),
+            (np.eye(3)[[0, 2, 1]], "exchanged", "y and z are exchanged"),
+            (np.eye(3)[[1, 2, 0]], "turned", "x is y, y is z, z is x of the others"),
+        ],
+    )
+    def test_axes_in_words(self, matrix, kind, words):
+        leaning = Rotation.from_euler("xyz", [10, -12, 8], degrees=True).as_matrix()
+        assert shapes.in_words(leaning @ matrix) == (kind, words)

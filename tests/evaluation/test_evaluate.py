@@ -1,0 +1,186 @@
+import json
+
+import numpy as np
+import pytest
+from remembered_model import RATE, Remembered, spoken
+
+from mocap_fit.corpus import Corpus, Utterance
+from mocap_fit.errors import DataError
+from mocap_fit.evaluation import GROUPS, evaluate
+from mocap_fit.evaluation.measures import frame_groups
+from mocap_fit.phones import load_phone_set
+
+
+def trained(corpus, **settings):
+    return Remembered(**settings).fit(corpus)
+
+
+def speech(corpus):
+    """All target values of frames that are speech, by hand."""
+    return np.concatenate([u.tracks.values[10:50] for u in corpus])
+
+
+def test_frames_belong_to_the_kind_of_their_phone():
+    utterance = spoken("u", 0, ("x",))
+    groups = frame_groups(
+        utterance.phones, load_phone_set("en-arpabet"), np.array([-1.0, 0.1, 0.2, 0.5, 0.9, 1.1, 2])
+    )
+    assert groups.tolist() == [
+        [False, False, True, True, True, False, False],
+        [False, False, False, True, False, False, False],
+        [False, False, True, False, True, False, False],
+    ]
+
+
+def test_a_perfect_model_has_no_error(small_corpus):
+    result = evaluate(small_corpus, {"perfect": trained(small_corpus)}, face=None, resamples=100)
+    assert np.all(result.rmse == 0)
+    assert np.allclose(result.correlation, 1, atol=1e-12)
+    assert result.frames == (8 * 40, 8 * 20, 8 * 20)
+    assert result.closed == {}
+
+
+def test_a_known_shift_is_the_error_and_leaves_the_correlation(small_corpus):
+    models = {"shifted": trained(small_corpus, shift=0.01)}
+    result = evaluate(small_corpus, models, face=None, resamples=100)
+    ranges = np.ptp(speech(small_corpus), axis=0)
+    assert np.allclose(result.ranges, ranges)
+    for group in range(len(GROUPS)):
+        assert np.allclose(result.rmse[0, group], 100 * 0.01 / ranges)
+        assert np.allclose(result.correlation[0, group], 1)
+    # Every sample of the bootstrap has the same shift.
+    _, low, high = result.averages("rmse")
+    assert np.allclose(low, high)
+
+
+def test_scores_agree_with_numpy_on_all_frames(small_corpus, rng):
+    noisy = trained(small_corpus)
+    for name, tracks in noisy.tracks_.items():
+        noisy.tracks_[name] = tracks.replace(
+            values=tracks.values + rng.normal(0, 0.01, tracks.values.shape)
+        )
+    result = evaluate(small_corpus, {"noisy": noisy}, face=None, resamples=400)
+    target = speech(small_corpus)
+    predicted = np.concatenate([noisy.tracks_[u.id].values[10:50] for u in small_corpus])
+    rmse = 100 * np.sqrt(np.mean((target - predicted) ** 2, axis=0)) / np.ptp(target, axis=0)
+    r = [np.corrcoef(target[:, p], predicted[:, p])[0, 1] for p in range(2)]
+    assert np.allclose(result.rmse[0, 0], rmse)
+    assert np.allclose(result.correlation[0, 0], r)
+    value, low, high = result.averages("rmse")
+    assert low[0, 0] < value[0, 0] < high[0, 0]
+
+
+def test_missing_targets_do_not_count(small_corpus):
+    holed = []
+    for utterance in small_corpus:
+        values = utterance.tracks.values.copy()
+        values[15:25, 0] = np.nan
+        tracks = utterance.tracks.replace(values=values)
+        holed.append(Utterance.of(tracks, utterance.phones))
+    corpus = Corpus.of(holed, "en-arpabet")
+    models = {"shifted": trained(small_corpus, shift=0.01)}
+    result = evaluate(corpus, models, face=None, resamples=100)
+    assert np.isfinite(result.rmse).all()
+    assert np.allclose(result.rmse[0, 0], 1 / result.ranges)
+
+
+def test_a_parameter_that_never_changes_does_not_count(small_corpus):
+    still = [
+        Utterance.of(u.tracks.replace(values=u.tracks.values * np.array([1.0, 0.0])), u.phones)
+        for u in small_corpus
+    ]
+    corpus = Corpus.of(still, "en-arpabet")
+    models = {"shifted": trained(corpus, shift=0.01)}
+    result = evaluate(corpus, models, face=None, resamples=100)
+    assert np.isnan(result.rmse[0, 0, 1])
+    assert np.isnan(result.correlation[0, 0, 1])
+    value, low, high = result.averages("rmse")
+    assert value[0, 0] == pytest.approx(result.rmse[0, 0, 0])
+    assert np.isfinite([low, high]).all()
+
+
+def test_a_constant_prediction_has_no_correlation(small_corpus):
+    models = {"constant": trained(small_corpus, scale=0.0, shift=0.0123)}
+    result = evaluate(small_corpus, models, face=None, resamples=100)
+    assert np.isnan(result.correlation).all()
+    assert np.isfinite(result.rmse).all()
+
+
+def test_the_better_model_is_told_from_the_worse(small_corpus, rng):
+    def noisy(size):
+        model = trained(small_corpus)
+        for name, tracks in model.tracks_.items():
+            noise = rng.normal(0, size, tracks.values.shape)
+            model.tracks_[name] = tracks.replace(values=tracks.values + noise)
+        return model
+
+    models = {"worse": noisy(0.02), "better": noisy(0.01), "as good": noisy(0.01)}
+    result = evaluate(small_corpus, models, face=None)
+    assert result.ranking()[-1] == "worse"
+    apart = result.difference("worse", "better")
+    assert 0 < apart.low < apart.value < apart.high
+    assert apart.p < 0.01
+    alike = result.difference("better", "as good")
+    assert alike.low < 0 < alike.high
+    assert alike.p > 0.01
+    back = result.difference("better", "worse")
+    assert (back.value, back.low, back.high) == pytest.approx(
+        (-apart.value, -apart.high, -apart.low)
+    )
+
+
+def test_the_same_seed_gives_the_same_intervals(small_corpus):
+    models = {"half": trained(small_corpus, scale=0.5)}
+    one, two, other = (
+        evaluate(small_corpus, models, face=None, seed=s, resamples=200) for s in (1, 1, 2)
+    )
+    assert np.array_equal(one.rmse_samples, two.rmse_samples)
+    assert not np.array_equal(one.rmse_samples, other.rmse_samples)
+
+
+def test_lips_that_close_are_told_from_lips_that_do_not(face_corpus):
+    models = {
+        "perfect": trained(face_corpus),
+        "half open": trained(face_corpus, shift=0.15),
+    }
+    result = evaluate(face_corpus, models, resamples=100)
+    assert result.bilabials == 8
+    assert result.closed["target"] == result.closed["perfect"] == 1.0
+    assert result.closed["half open"] == 0.0
+
+
+def test_a_table_and_json_hold_every_score(small_corpus):
+    models = {"half": trained(small_corpus, scale=0.5), "perfect": trained(small_corpus)}
+    result = evaluate(small_corpus, models, face=None, resamples=100)
+    table = result.to_frame()
+    assert len(table) == 2 * len(GROUPS) * (2 + 1) * 2
+    row = table[(table.model == "half") & (table.parameter == "average")].iloc[0]
+    assert row.value == pytest.approx(result.averages("rmse")[0][0, 0])
+    json.dumps(result.to_dict(), allow_nan=True)
+    assert {d["group"] for d in result.to_dict()["differences"]} == set(GROUPS)
+
+
+def test_what_cannot_be_scored_is_refused(small_corpus, face_corpus):
+    with pytest.raises(DataError, match="nothing to score"):
+        evaluate(small_corpus, {})
+    with pytest.raises(DataError, match="does not predict the parameters"):
+        evaluate(small_corpus, {"other": trained(face_corpus)})
+    with pytest.raises(DataError, match=r"does not predict the parameters.*not trained"):
+        evaluate(small_corpus, {"new": Remembered()})
+    silent = small_corpus.utterances[0]
+    phones = silent.phones.replace(segments=silent.phones.segments[:1])
+    quiet = Corpus.of([Utterance.of(silent.tracks, phones)], "en-arpabet")
+    with pytest.raises(DataError, match=r"no frame.*speech"):
+        evaluate(quiet, {"m": trained(quiet)}, face=None)
+    result = evaluate(small_corpus, {"m": trained(small_corpus)}, face=None, resamples=100)
+    with pytest.raises(DataError, match="'x' was not scored"):
+        result.difference("m", "x")
+
+
+def test_times_of_the_tracks_are_those_of_the_phones(small_corpus):
+    """A clock that starts later shifts the frames, not the phones."""
+    late = [Utterance.of(u.tracks.replace(start_time=0.2), u.phones) for u in small_corpus]
+    corpus = Corpus.of(late, "en-arpabet")
+    result = evaluate(corpus, {"m": trained(corpus)}, face=None, resamples=100)
+    assert result.frames == (8 * 40, 8 * 20, 8 * 20)
+    assert corpus.rate == RATE

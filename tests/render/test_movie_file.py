@@ -1,0 +1,199 @@
+"""Movies on disk: a flash and a click stay together, and what is written is written whole."""
+
+import builtins
+import subprocess
+
+import numpy as np
+import pytest
+
+from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, MissingExtraError
+from mocap_fit.render.movie_file import MovieFile, ffmpeg_program, movie_kind, sound_between
+from mocap_fit.sound import Sound
+
+SIZE = (64, 48)
+
+
+def grey(level: int) -> np.ndarray:
+    return np.full((SIZE[1], SIZE[0], 3), level, dtype=np.uint8)
+
+
+def decoded_pictures(path) -> np.ndarray:
+    return decoded_pictures_of(path, SIZE)
+
+
+def decoded_pictures_of(path, size) -> np.ndarray:
+    """`(frames, height, width)`, how bright."""
+    command = [ffmpeg_program(), "-v", "error", "-i", str(path), "-map", "0:v"]
+    command += ["-f", "rawvideo", "-pix_fmt", "gray", "-fps_mode", "passthrough", "-"]
+    raw = subprocess.run(command, capture_output=True, check=True).stdout
+    return np.frombuffer(raw, dtype=np.uint8).reshape(-1, size[1], size[0])
+
+
+def decoded_sound(path, rate: int = 48000) -> np.ndarray:
+    command = [ffmpeg_program(), "-v", "error", "-i", str(path), "-map", "0:a"]
+    command += ["-f", "f32le", "-ac", "1", "-ar", str(rate), "-"]
+    raw = subprocess.run(command, capture_output=True, check=True).stdout
+    return np.frombuffer(raw, dtype=np.float32)
+
+
+def streams(path) -> str:
+    command = [ffmpeg_program(), "-hide_banner", "-i", str(path)]
+    return subprocess.run(command, capture_output=True, text=True).stderr
+
+
+@pytest.mark.parametrize(
+    ("rate", "sampling"), [(25, 16000), (30, 22050), (60, 44100), (29.97, 48000)]
+)
+def test_flash_and_click_are_within_a_frame_at_start_and_end(tmp_path, rate, sampling):
+    frames = round(4 * rate)
+    flashes = [3, frames - 4]
+    samples = np.zeros(round(frames / rate * sampling))
+    for flash in flashes:
+        begin = round(flash / rate * sampling)
+        samples[begin : begin + sampling // 200] = 0.9
+    path = tmp_path / "a.mp4"
+    with MovieFile(path, rate, SIZE, Sound(samples, sampling)) as movie:
+        for frame in range(frames):
+            movie.add(grey(255 if frame in flashes else 0))
+    pictures, sound = decoded_pictures(path), np.abs(decoded_sound(path))
+    assert len(pictures) == frames
+    seen = np.flatnonzero(pictures.mean(axis=(1, 2)) > 128)
+    np.testing.assert_array_equal(seen, flashes)
+    half = len(sound) // 2
+    heard = [np.argmax(sound[:half] > 0.3) / 48000, (half + np.argmax(sound[half:] > 0.3)) / 48000]
+    np.testing.assert_allclose(heard, np.array(flashes) / rate, atol=1 / rate)
+    # Neither stream outlasts the other by more than a frame.
+    assert abs(len(sound) / 48000 - frames / rate) < max(1 / rate, 1024 / 44100)
+
+
+def test_the_streams_are_h264_and_aac(tmp_path):
+    path = tmp_path / "a.mp4"
+    with MovieFile(path, 25, SIZE, Sound(np.zeros(16000), 16000)) as movie:
+        for frame in range(25):
+            movie.add(grey(10 * frame))
+    said = streams(path)
+    assert "Video: h264" in said
+    assert "yuv420p" in said
+    assert "Audio: aac" in said
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.mp4"]
+
+
+def test_without_sound_there_is_no_stream_of_it(tmp_path):
+    with MovieFile(tmp_path / "a.mp4", 25, SIZE) as movie:
+        movie.add(grey(7))
+    assert "Audio" not in streams(tmp_path / "a.mp4")
+
+
+@pytest.mark.parametrize("name", ["x.mp4", "x.gif"])
+def test_the_same_pictures_give_the_same_bytes(tmp_path, name):
+    contents = []
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        path = tmp_path / folder / name
+        with MovieFile(path, 20, SIZE, Sound(np.zeros(8000), 16000)) as movie:
+            for frame in range(10):
+                movie.add(grey(20 * frame))
+        contents.append(path.read_bytes())
+    assert contents[0] == contents[1]
+
+
+def test_a_gif_has_all_pictures_at_their_time(tmp_path):
+    from PIL import Image
+
+    with MovieFile(tmp_path / "a.gif", 20, SIZE) as movie:
+        for frame in range(8):
+            movie.add(grey(30 * frame))
+    with Image.open(tmp_path / "a.gif") as gif:
+        assert gif.n_frames == 8
+        assert gif.info["duration"] == 50
+
+
+def test_a_folder_of_pictures_is_replaced_by_the_next_but_nothing_else_is(tmp_path):
+    from matplotlib.image import imread
+
+    path = tmp_path / "frames"
+    for count in (5, 3):
+        with MovieFile(path, 25, SIZE) as movie:
+            for frame in range(count):
+                movie.add(grey(50 * frame))
+        assert [p.name for p in sorted(path.iterdir())] == [
+            f"frame_{i:06d}.png" for i in range(count)
+        ]
+    assert np.rint(imread(path / "frame_000002.png")[..., :3] * 255).max() == 100
+    (path / "notes.txt").write_text("mine")
+    with pytest.raises(ConfigurationError, match="new folder"):
+        MovieFile(path, 25, SIZE)
+    assert (path / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "a.gif", "a"])
+def test_after_an_error_nothing_is_left(tmp_path, name):
+    class Trouble(Exception):
+        pass
+
+    def write() -> None:
+        with MovieFile(tmp_path / name, 25, SIZE) as movie:
+            movie.add(grey(1))
+            raise Trouble
+
+    with pytest.raises(Trouble):
+        write()
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_older_movie_survives_a_failed_one(tmp_path):
+    (tmp_path / "a.mp4").write_bytes(b"older")
+    with (
+        pytest.raises(DataError, match="another size"),
+        MovieFile(tmp_path / "a.mp4", 25, SIZE) as movie,
+    ):
+        movie.add(grey(1)[:10])
+    assert (tmp_path / "a.mp4").read_bytes() == b"older"
+
+
+def test_a_movie_needs_a_picture(tmp_path):
+    with pytest.raises(DataError, match="no pictures"), MovieFile(tmp_path / "a.mp4", 25, SIZE):
+        pass
+    assert not list(tmp_path.iterdir())
+
+
+def test_impossible_movies_are_refused(tmp_path):
+    with pytest.raises(ConfigurationError, match=r"\.avi"):
+        movie_kind("a.avi")
+    with pytest.raises(DataError, match="even"):
+        MovieFile(tmp_path / "a.mp4", 25, (63, 48))
+    for rate in (0.0, -1.0, float("nan"), 1000.0):
+        with pytest.raises(DataError, match="frame rate"):
+            MovieFile(tmp_path / "a.mp4", rate, SIZE)
+    with pytest.raises(DataError, match="GIF"):
+        MovieFile(tmp_path / "a.gif", 60, SIZE)
+    with (
+        pytest.raises(FileFormatError, match="cannot be written"),
+        MovieFile(tmp_path / "nowhere" / "a.mp4", 25, SIZE),
+    ):
+        pass
+
+
+def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
+    real = builtins.__import__
+
+    def without(name, *rest, **options):
+        if name == "imageio_ffmpeg":
+            raise ImportError(name)
+        return real(name, *rest, **options)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(MissingExtraError, match=r"mocap-fit\[movie\]"):
+        MovieFile(tmp_path / "a.mp4", 25, SIZE)
+    with MovieFile(tmp_path / "frames", 25, SIZE) as movie:
+        movie.add(grey(0))
+    assert len(list((tmp_path / "frames").iterdir())) == 1
+
+
+def test_a_stretch_of_sound_is_filled_with_silence():
+    sound = Sound(np.arange(1, 11) / 10, 10)
+    np.testing.assert_allclose(sound_between(sound, -0.2, 0.3).samples[:, 0], [0, 0, 0.1, 0.2, 0.3])
+    np.testing.assert_allclose(sound_between(sound, 0.8, 1.2).samples[:, 0], [0.9, 1.0, 0, 0])
+    assert not sound_between(sound, 5, 6).samples.any()
+    with pytest.raises(DataError):
+        sound_between(sound, 1, 1)

@@ -1,0 +1,135 @@
+"""Wav files and energy."""
+
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mocap_fit.errors import DataError, FileFormatError
+from mocap_fit.sound import Sound, energy_db, read_sound, write_sound
+
+
+@pytest.fixture
+def stereo():
+    times = np.arange(8000) / 16000
+    return Sound(np.stack([np.sin(2 * np.pi * 440 * times), 0.1 * (times > 0.25)], axis=1), 16000)
+
+
+class TestSound:
+    def test_channels_are_counted_from_one(self, stereo):
+        assert (stereo.channels, len(stereo), stereo.duration) == (2, 8000, 0.5)
+        np.testing.assert_array_equal(stereo.channel(2), stereo.samples[:, 1])
+        np.testing.assert_array_equal(stereo.without_channel(2).samples[:, 0], stereo.channel(1))
+        assert stereo.mono().channels == 1
+        for number in (0, 3):
+            with pytest.raises(DataError, match="from 1 to 2"):
+                stereo.channel(number)
+        with pytest.raises(DataError, match="no channel but"):
+            stereo.mono().without_channel(1)
+
+    @pytest.mark.parametrize(
+        ("samples", "rate", "problem"),
+        [
+            (np.zeros((2, 2, 2)), 16000, "wrong shape"),
+            (np.zeros((5, 0)), 16000, "wrong shape"),
+            (["a"], 16000, "not numbers"),
+            ([0.0, np.inf], 16000, "sample 1"),
+            ([0.0], 0, "sampling rate"),
+            ([0.0], np.nan, "sampling rate"),
+        ],
+    )
+    def test_impossible_ones_are_refused(self, samples, rate, problem):
+        with pytest.raises(DataError, match=problem):
+            Sound(samples, rate)
+
+
+class TestFiles:
+    @pytest.mark.parametrize(
+        ("encoding", "error"), [("PCM_16", 3.1e-5), ("PCM_24", 1.2e-7), ("DOUBLE", 0)]
+    )
+    def test_a_round_trip(self, encoding, error, stereo, tmp_path):
+        write_sound(stereo, tmp_path / "a.wav", encoding=encoding)
+        found = read_sound(tmp_path / "a.wav")
+        assert (found.name, found.rate, found.samples.shape) == ("a", 16000, (8000, 2))
+        assert np.abs(found.samples - stereo.samples).max() <= error
+        assert [path.name for path in tmp_path.iterdir()] == ["a.wav"]
+
+    def test_what_is_too_loud_is_clipped_and_does_not_turn_over(self, tmp_path):
+        write_sound(Sound([2.0, -2.0, 1.0], 8000), tmp_path / "a.wav")
+        np.testing.assert_allclose(read_sound(tmp_path / "a.wav").channel(1), [1, -1, 1], atol=1e-4)
+
+    @pytest.mark.parametrize("encoding", ["PCM_16", "FLOAT", "DOUBLE"])
+    def test_the_same_sound_gives_the_same_bytes(self, encoding, stereo, tmp_path, monkeypatch):
+        """libsndfile notes the time in files of floats."""
+        write_sound(stereo, tmp_path / "a.wav", encoding=encoding)
+        if encoding != "PCM_16":
+            time.sleep(1.1)
+        write_sound(stereo, tmp_path / "b.wav", encoding=encoding)
+        assert (tmp_path / "a.wav").read_bytes() == (tmp_path / "b.wav").read_bytes()
+
+    def test_bad_files(self, tmp_path, stereo):
+        write_sound(stereo, tmp_path / "good.wav")
+        whole = (tmp_path / "good.wav").read_bytes()
+        bad = {"empty": b"", "text": b"not sound at all " * 20, "head": whole[:20]}
+        for name, content in bad.items():
+            path = tmp_path / f"{name}.wav"
+            path.write_bytes(content)
+            with pytest.raises(FileFormatError, match="sound file") as caught:
+                read_sound(path)
+            assert str(path) in str(caught.value)
+        with pytest.raises(FileFormatError, match="no such file"):
+            read_sound(tmp_path / "none.wav")
+        with pytest.raises(FileFormatError, match="no such file"):
+            read_sound(tmp_path)
+        write_sound(Sound(np.array([[0.0, np.pi]]), 8000), tmp_path / "f.wav", encoding="DOUBLE")
+        content = (tmp_path / "f.wav").read_bytes()
+        assert content.count(np.float64(np.pi).tobytes()) == 1
+        nan = content.replace(np.float64(np.pi).tobytes(), np.float64(np.nan).tobytes())
+        (tmp_path / "f.wav").write_bytes(nan)
+        with pytest.raises(DataError, match="no numbers") as caught:
+            read_sound(tmp_path / "f.wav")
+        assert "f.wav" in str(caught.value)
+
+    def test_a_sound_without_samples(self, tmp_path):
+        write_sound(Sound(np.zeros((0, 1)), 8000), tmp_path / "a.wav")
+        with pytest.raises(FileFormatError, match="no sample"):
+            read_sound(tmp_path / "a.wav")
+
+    def test_what_cannot_be_written(self, stereo, tmp_path):
+        with pytest.raises(DataError, match="whole number"):
+            write_sound(stereo.replace(rate=16000.5), tmp_path / "a.wav")
+        with pytest.raises(FileFormatError, match="cannot be written"):
+            write_sound(stereo, tmp_path / "none" / "a.wav")
+        assert not list(tmp_path.iterdir())
+
+
+class TestEnergy:
+    def test_a_sine_of_full_scale(self):
+        sound = Sound(np.sin(2 * np.pi * 1000 * np.arange(16000) / 16000), 16000)
+        found = energy_db(sound, [0.0, 0.25, 0.5, 1.0])
+        np.testing.assert_allclose(found, 10 * np.log10(0.5), atol=0.1)
+
+    @given(factor=st.floats(0.01, 1.0))
+    def test_half_the_height_is_six_decibels_less(self, factor):
+        rng = np.random.default_rng(1)
+        sound = Sound(rng.uniform(-1, 1, 4000), 16000)
+        quieter = sound.replace(samples=factor * sound.samples)
+        difference = energy_db(quieter, [0.1]) - energy_db(sound, [0.1])
+        assert difference[0] == pytest.approx(20 * np.log10(factor), abs=1e-6)
+
+    def test_it_is_that_of_the_moment(self):
+        samples = np.zeros(16000)
+        samples[8000:] = 0.1
+        quiet, loud = energy_db(Sound(samples, 16000), [0.45, 0.55])
+        assert quiet == -100
+        assert loud == pytest.approx(-20, abs=1e-6)
+
+    def test_outside_the_sound_nothing_is_known(self):
+        found = energy_db(Sound(np.ones(1600), 16000), [-0.01, 0.05, 0.1, 0.11])
+        assert np.isnan(found).tolist() == [True, False, False, True]
+
+    def test_a_window_of_nothing_is_refused(self):
+        with pytest.raises(DataError, match="too short"):
+            energy_db(Sound(np.ones(100), 100), [0.5], window=0.001)

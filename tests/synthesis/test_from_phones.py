@@ -1,0 +1,86 @@
+"""Phones in, parameters out: whole, live, and from phones of other sets."""
+
+import numpy as np
+import pytest
+
+from mocap_fit.control import create
+from mocap_fit.control.rule_based import RuleBased
+from mocap_fit.errors import DataError
+from mocap_fit.phones import PhoneSegment, PhoneSequence
+from mocap_fit.synthesis import phones_for, stream_frames, synthesise
+
+
+def said(symbols: str, phone_set: str = "en-arpabet", start: float = 0.3) -> PhoneSequence:
+    segments = []
+    for i, symbol in enumerate(symbols.split()):
+        begin = round(start + 0.1 * i, 3)
+        segments.append(PhoneSegment(begin, round(begin + 0.1, 3), symbol))
+    return PhoneSequence(tuple(segments), phone_set=phone_set, name="said")
+
+
+@pytest.fixture(scope="module")
+def english() -> RuleBased:
+    return RuleBased().ready("en-arpabet")
+
+
+def test_frames_are_on_the_clock_of_the_phones(english):
+    tracks = synthesise(said("sil B AA1 B sil"), english, 50)
+    assert tracks.rate == 50
+    assert tracks.start_time == 0.3
+    assert tracks.frames == 25
+    jaw = tracks.value("jaw_rotation")
+    assert 0.5 <= tracks.times[jaw.argmax()] <= 0.6
+    assert tracks.provenance[-1].name == "predict"
+
+
+def test_a_model_file_will_do(english, tmp_path):
+    english.save(tmp_path / "m.model")
+    phones = said("sil M IY1 sil")
+    np.testing.assert_array_equal(
+        synthesise(phones, tmp_path / "m.model").values, synthesise(phones, english).values
+    )
+
+
+def test_other_spellings_and_sets_of_the_same_language_are_taken(english):
+    spelled = phones_for(said("b aa1 b"), english)
+    assert spelled.phones == ("B", "AA", "B")
+    assert spelled[1].stress == 1
+    from_ipa = phones_for(said("b ɑ b", "ipa"), english)
+    assert from_ipa.phone_set == "en-arpabet"
+    assert from_ipa.phones == ("B", "AA", "B")
+    assert phones_for(said("B AA B", ""), english).phone_set == "en-arpabet"
+
+
+def test_a_model_of_another_language_is_refused_unless_the_nearest_will_do(english):
+    swedish = said("sil B A: M Y: sil", "sv-sta")
+    with pytest.raises(DataError, match=r"another phone set.*sv-sta.*en-arpabet.*nearest"):
+        synthesise(swedish, english)
+    tracks = synthesise(swedish, english, nearest=True)
+    assert tracks.frames == 36
+    assert np.isfinite(tracks.values).all()
+
+
+def test_unknown_phones_and_untrained_models_are_refused(english):
+    with pytest.raises(DataError, match="XYZ"):
+        synthesise(said("B XYZ"), english)
+    with pytest.raises(DataError, match="no phones"):
+        synthesise(PhoneSequence((), phone_set="en-arpabet"), english)
+    with pytest.raises(DataError, match="not trained"):
+        synthesise(said("B"), create("phone-mean"))
+
+
+def test_live_frames_are_those_of_the_whole_utterance(english):
+    phones = said("sil HH AH0 L OW1 sil")
+    whole = synthesise(phones, english, 30)
+    live = list(stream_frames(iter(phones), english, 30))
+    np.testing.assert_allclose([frame.time for frame in live], whole.times)
+    np.testing.assert_allclose([frame.values for frame in live], whole.values)
+    assert list(stream_frames(iter(()), english)) == []
+
+
+def test_a_live_utterance_refuses_what_does_not_follow(english):
+    backwards = [PhoneSegment(0.5, 0.6, "B"), PhoneSegment(0.1, 0.2, "AA1")]
+    with pytest.raises(DataError, match="order of time"):
+        list(stream_frames(backwards, english))
+    with pytest.raises(DataError, match="XYZ"):
+        list(stream_frames([PhoneSegment(0.5, 0.6, "XYZ")], english))
