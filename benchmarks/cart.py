@@ -1,6 +1,6 @@
 """CART: training time and held-out error of our trees and scikit-learn's, in one run.
 
-    python benchmarks/cart.py [--quick] [--json] [--data DIR]
+    python benchmarks/cart.py [--quick] [--json] [--data DIR] [--grid CORPUS]
 
 Three corpora: `made`, random phones with ten parameters and all 76 symbols, as large as time
 allows, for the training time of 760 trees; `simulated`, the sentences and gestures of
@@ -19,7 +19,8 @@ the questions into columns is not counted.
 
 Errors are those of the targets of the held-out part, as a share of what is left when every phone
 has its mean target; the interval of the difference is paired by utterance. Times are the thread's
-own (one core). With --quick the peer gets some of the trees, and its time is scaled to all of them.
+own (one core), of ours the median of three. With --quick the peer gets some of the trees, and its
+time is scaled to all of them.
 """
 
 import os
@@ -29,10 +30,12 @@ for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_variable] = "1"  # before numpy is imported, or it does not count
 
 import argparse
+import contextlib
 import json
+import statistics
+import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -43,7 +46,8 @@ from sklearn.tree import DecisionTreeRegressor
 
 from mocap_fit.control.cart import Cart
 from mocap_fit.control.cart.contexts import resistance_of
-from mocap_fit.control.cart.learning import Examples, binned, collect, read_corpus
+from mocap_fit.control.cart.examples import Examples, collect, read_corpus
+from mocap_fit.control.cart.learning import binned
 from mocap_fit.corpus import Corpus, Utterance, open_corpus
 from mocap_fit.phones import (
     ARTICULATORY_PARAMETERS,
@@ -55,8 +59,10 @@ from mocap_fit.tracks import FloatArray, ParameterTracks
 
 SEED, RATE, NOISE = 1, 60.0, 0.01
 PEER = "scikit-learn, 10-fold cost-complexity"
+# Trainings of ours, of whose times the median counts.
+ROUNDS = 3
 # Utterances, and with --quick; every how many trees the peer gets one.
-MADE, SIMULATED = (1000, 1000), (287, 130)
+MADE, SIMULATED = (1000, 700), (287, 110)
 PEER_EVERY = {"made": (4, 20), "simulated": (1, 8), "grid_s1": (1, 1)}
 
 # What the defaults are compared with in the full form.
@@ -145,26 +151,24 @@ def simulated_corpus(utterances: int) -> Corpus:
     return Corpus.of(found, language.phone_set)
 
 
-def real_corpus(data: Path) -> Corpus | None:
-    """The folder grid_s1, converted; None where it is not there."""
-    from corpus_tools.cli import main
-
-    manifest = Path(__file__).parents[1] / "fixtures" / "manifests" / "grid_s1.toml"
+def real_corpus(data: Path, converted: Path | None) -> Corpus | None:
+    """The folder grid_s1 as a corpus; None where it is not there."""
+    if converted is not None:
+        return open_corpus(converted)
     if not (data / "grid_s1").is_dir():
         return None
+    from corpus_tools.convert import run as convert
+
+    manifest = Path(__file__).parents[1] / "fixtures" / "manifests" / "grid_s1.toml"
     out = Path(tempfile.mkdtemp()) / "corpus"
-    try:
-        main(["convert", str(manifest), "--root", str(data / "grid_s1"), "--out", str(out)])
-    except SystemExit as ended:
-        if ended.code:
-            raise
+    with contextlib.redirect_stdout(sys.stderr):
+        convert(manifest, root=data / "grid_s1", out=out)
     return open_corpus(out)
 
 
 class Task(NamedTuple):
     """What a tree of the peer is trained on and asked."""
 
-    symbol: str
     parameter: int
     questions: FloatArray
     targets: FloatArray
@@ -181,48 +185,49 @@ def segments_of(corpus: Corpus, model: Cart) -> tuple[Examples, NDArray[np.int64
     return collect(phones, found, model._reader, model.by_stress), owner, selected
 
 
-def tasks(model: Cart, train: Examples, test: Examples) -> Iterator[Task]:
-    """The targets and questions of every phone and parameter, as columns."""
+def named(train: Examples, test: Examples) -> list[tuple[str, int]]:
+    """Phones and parameters that have targets in both parts, those with few examples first."""
+    found = []
     for symbol in np.unique(train.symbols):
-        rows, asked = (np.flatnonzero(part.symbols == symbol) for part in (train, test))
-        has_sound = 2 * np.isfinite(train.energies[rows]).sum() >= len(rows)
-        for p in range(train.targets.shape[1]):
-            known = rows[np.isfinite(train.targets[rows, p])]
-            new = asked[np.isfinite(test.targets[asked, p])]
-            if not (len(known) and len(new)):
-                continue
-            targets = train.targets[known, p]
-            columns = []
-            for question, a in zip(model.questions_, model._of_attribute, strict=True):
-                if question.attribute.needs_sound and not has_sound:
-                    continue
-                mine, theirs = (
-                    part.columns[a][own] if part.columns[a].ndim == 1 else part.columns[a][own, p]
-                    for part, own in ((train, known), (test, new))
-                )
-                if not question.is_open:
-                    members = model._reader.alphabet.members(question.phone_class, question.phones)
-                    columns.append((members[mine], members[theirs]))
-                elif question.attribute.is_phone:
-                    size = model._reader.alphabet.levels
-                    counts = np.bincount(mine, minlength=size)
-                    means = np.bincount(mine, targets, size) / np.maximum(counts, 1)
-                    means = np.where(counts > 0, means, targets.mean())
-                    columns.append((means[mine], means[theirs]))
-                else:
-                    levels, edges = binned(mine)
-                    others = np.searchsorted(edges, theirs, side="left")
-                    columns.append((levels, np.where(np.isfinite(theirs), others, len(edges) + 1)))
-            before, after = (np.stack(part, axis=1) for part in zip(*columns, strict=True))
-            yield Task(
-                str(symbol),
-                p,
-                before.astype(np.float32),
-                targets,
-                after.astype(np.float32),
-                test.targets[new, p],
-                new,
-            )
+        counts = [
+            np.isfinite(part.targets[part.symbols == symbol]).sum(axis=0) for part in (train, test)
+        ]
+        for p in np.flatnonzero((counts[0] > 0) & (counts[1] > 0)).tolist():
+            found.append((int(counts[0][p]), str(symbol), p))
+    return [(symbol, p) for _, symbol, p in sorted(found)]
+
+
+def task(model: Cart, train: Examples, test: Examples, symbol: str, p: int) -> Task:
+    """The targets and questions of a phone and a parameter, as columns."""
+    rows, new = (
+        np.flatnonzero((part.symbols == symbol) & np.isfinite(part.targets[:, p]))
+        for part in (train, test)
+    )
+    has_sound = 2 * np.isfinite(train.energies[rows]).sum() >= len(rows)
+    targets = train.targets[rows, p]
+    columns = []
+    for question, a in zip(model.questions_, model._of_attribute, strict=True):
+        if question.attribute.needs_sound and not has_sound:
+            continue
+        mine, theirs = (
+            part.columns[a][own] if part.columns[a].ndim == 1 else part.columns[a][own, p]
+            for part, own in ((train, rows), (test, new))
+        )
+        if not question.is_open:
+            members = model.alphabet.members(question.phone_class, question.phones)
+            columns.append((members[mine], members[theirs]))
+        elif question.attribute.is_phone:
+            counts = np.bincount(mine, minlength=model.alphabet.levels)
+            means = np.bincount(mine, targets, len(counts)) / np.maximum(counts, 1)
+            means = np.where(counts > 0, means, targets.mean())
+            columns.append((means[mine], means[theirs]))
+        else:
+            levels, edges = binned(mine)
+            others = np.searchsorted(edges, theirs, side="left")
+            columns.append((levels, np.where(np.isfinite(theirs), others, len(edges) + 1)))
+    before, after = (np.stack(part, axis=1) for part in zip(*columns, strict=True))
+    before, after = before.astype(np.float32), after.astype(np.float32)
+    return Task(p, before, targets, after, test.targets[new, p], new)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -315,30 +320,31 @@ def peer(task: Task) -> tuple[PeerTree, float]:
 
 def compared(name: str, train: Corpus, test: Corpus, quick: bool) -> dict[str, Any]:
     """Ours and the peer on one corpus."""
-    began = time.thread_time()
-    model = Cart().fit(train)
-    ours = time.thread_time() - began
+    ours = []
+    for _ in range(ROUNDS):
+        began = time.thread_time()
+        model = Cart().fit(train)
+        ours.append(time.thread_time() - began)
     mine, _, _ = segments_of(train, model)
     new, owner, selected = segments_of(test, model)
     every = PEER_EVERY[name][quick]
-    todo = list(tasks(model, mine, new))
+    todo = named(mine, new)
     # Evenly over phones with many examples and with few.
-    todo.sort(key=lambda task: (len(task.targets), task.symbol, task.parameter))
-    taken = todo[every // 2 :: every]
+    taken = [task(model, mine, new, *each) for each in todo[every // 2 :: every]]
     peer(taken[0])
     theirs = 0.0
     utterances = len(test)
     of_ours, of_peer, of_mean = (np.zeros(utterances) for _ in range(3))
-    for task in taken:
+    for each in taken:
         began = time.thread_time()
-        tree, alpha = peer(task)
+        tree, alpha = peer(each)
         theirs += time.thread_time() - began
-        answer = tree.answers(task.asked, np.array([alpha]))[0]
-        whose = owner[task.rows]
-        of_peer += np.bincount(whose, (answer - task.truth) ** 2, utterances)
-        said = selected[task.rows, task.parameter]
-        of_ours += np.bincount(whose, (said - task.truth) ** 2, utterances)
-        of_mean += np.bincount(whose, (task.targets.mean() - task.truth) ** 2, utterances)
+        answer = tree.answers(each.asked, np.array([alpha]))[0]
+        whose = owner[each.rows]
+        of_peer += np.bincount(whose, (answer - each.truth) ** 2, utterances)
+        said = selected[each.rows, each.parameter]
+        of_ours += np.bincount(whose, (said - each.truth) ** 2, utterances)
+        of_mean += np.bincount(whose, (each.targets.mean() - each.truth) ** 2, utterances)
     theirs *= len(todo) / len(taken)
     difference = (of_ours - of_peer) * utterances / of_mean.sum()
     half = 1.96 * difference.std(ddof=1) / np.sqrt(utterances)
@@ -347,9 +353,9 @@ def compared(name: str, train: Corpus, test: Corpus, quick: bool) -> dict[str, A
         "trees": len(todo),
         "trees_of_peer": len(taken),
         "examples": int(np.isfinite(mine.targets).sum()),
-        "seconds": ours,
+        "seconds": statistics.median(ours),
         "seconds_of_peer": theirs,
-        "times_faster": theirs / ours,
+        "times_faster": theirs / statistics.median(ours),
         "error": of_ours.sum() / of_mean.sum(),
         "error_of_peer": of_peer.sum() / of_mean.sum(),
         "ratio_of_errors": of_ours.sum() / of_peer.sum(),
@@ -378,14 +384,14 @@ def ways(train: Corpus, test: Corpus) -> list[dict[str, Any]]:
     return found
 
 
-def run(quick: bool, data: Path) -> dict[str, Any]:
+def run(quick: bool, data: Path, converted: Path | None) -> dict[str, Any]:
     """All that is measured."""
     corpora: list[tuple[str, Corpus, Corpus]] = []
     made = made_corpus(MADE[quick])
     corpora.append(("made", *made.held_out(0.2, SEED)))
     simulated = simulated_corpus(SIMULATED[quick])
     corpora.append(("simulated", simulated.split("train"), simulated.split("test")))
-    real = None if quick else real_corpus(data)
+    real = None if quick else real_corpus(data, converted)
     if real is not None:
         corpora.append(("grid_s1", real.split("train"), real.split("test")))
     began = time.perf_counter()
@@ -433,8 +439,9 @@ if __name__ == "__main__":
     parser.add_argument("--json", action="store_true")
     place = os.environ.get("MOCAP_FIT_DATA", Path(__file__).parents[1] / "../shared/data")
     parser.add_argument("--data", type=Path, default=Path(place))
+    parser.add_argument("--grid", type=Path, help="grid_s1, converted already")
     given = parser.parse_args()
-    result = run(given.quick, given.data)
+    result = run(given.quick, given.data, given.grid)
     if given.json:
         print(json.dumps(result, indent=2))
     else:

@@ -39,7 +39,7 @@ class _Commands(TyperGroup):
 app = typer.Typer(
     name=console.PROGRAM,
     cls=_Commands,
-    help="From facial motion capture to the parameters of a face model.",
+    help="From facial motion capture to a talking head.",
     epilog="Exit status: 0 done, 1 the data is bad, 2 the call is wrong.",
     no_args_is_help=True,
     add_completion=False,

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mocap_fit.errors import ConfigurationError, MocapFitError, MocapFitWarning
+from mocap_fit.whole_file import whole_file
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -163,12 +164,8 @@ def make_folder(path: Path) -> None:
 
 def write_text(path: Path, text: str) -> None:
     """Write a text file in UTF-8, whole or not at all; one that exists is replaced."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
+    with whole_file(path) as partial:
         partial.write_text(text, encoding="utf-8", newline="\n")
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def say(text: str) -> None:

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from corpus_tools import console, page
 from corpus_tools.console import Status
 from mocap_fit import control
@@ -14,7 +16,15 @@ from mocap_fit.control.cohen_massaro import CohenMassaro
 from mocap_fit.corpus import Corpus, Utterance, open_corpus
 from mocap_fit.drawing import save_figure
 from mocap_fit.errors import ConfigurationError, DataError
-from mocap_fit.evaluation import GROUPS, Evaluation, evaluate, figures
+from mocap_fit.evaluation import (
+    GROUPS,
+    Evaluation,
+    LandmarkScores,
+    evaluate,
+    figures,
+    landmark_scores,
+)
+from mocap_fit.evaluation.landmarks import MEASURES
 
 # Segments of a figure of dominance functions.
 _DRAWN_AT_MOST = 100
@@ -30,6 +40,7 @@ def run(
     face: str = "built-in",
     utterance: str | None = None,
     parameter: str | None = None,
+    landmarks: bool = False,
     resamples: int = 2000,
     seed: int = 0,
     as_json: bool = False,
@@ -51,6 +62,8 @@ def run(
     utterance, parameter
         What the figure of trajectories shows; the first utterance, and jaw rotation or the first
         parameter, where not given.
+    landmarks
+        Compare the predicted faces with the markers themselves as well.
     resamples, seed
         Of the bootstrap.
     as_json
@@ -73,11 +86,18 @@ def run(
         result = evaluate(
             scored, loaded, face=face, resamples=resamples, seed=seed, progress=advance
         )
-    written = write(result, loaded, shown, drawn, out, title_of(whole, split))
+    beside = None
+    if landmarks:
+        with console.progress("comparing with the markers", len(scored)) as advance:
+            beside = landmark_scores(
+                scored, loaded, face=face, resamples=resamples, seed=seed, progress=advance
+            )
+    written = write(result, loaded, shown, drawn, out, title_of(whole, split), beside)
     if as_json:
-        console.print_json({**result.to_dict(), "files": written})
+        report = result.to_dict() | ({} if beside is None else {"landmarks": told(beside)})
+        console.print_json({**report, "files": written})
     else:
-        _show(result, written)
+        _show(result, written, beside)
     return Status.DONE
 
 
@@ -114,6 +134,7 @@ def write(
     parameter: str,
     out: Path,
     title: str,
+    landmarks: LandmarkScores | None = None,
 ) -> list[Path]:
     """Write tables, figures and the page; returns their files, the page first."""
     import pandas as pd
@@ -157,7 +178,15 @@ def write(
                 save_figure(out / f"{name}.{ending}", *call)
                 files.append(out / f"{name}.{ending}")
             advance()
-    content = page.page(title, sections(result, out, list(calls)))
+    parts = sections(result, out, list(calls))
+    if landmarks is not None:
+        header, rows = landmark_table(landmarks)
+        lines = [",".join(row) for row in (header, *rows)]
+        console.write_text(out / "landmarks.csv", "\n".join(lines) + "\n")
+        files.append(out / "landmarks.csv")
+        parts += [page.heading("Beside the markers"), page.paragraph(_BESIDE)]
+        parts.append(page.table(header, rows))
+    content = page.page(title, parts)
     console.write_text(out / "index.html", content)
     return [out / "index.html", *(out / name for name in (*tables, "evaluation.json")), *files]
 
@@ -248,13 +277,45 @@ def difference_table(result: Evaluation) -> tuple[list[str], list[list[str]]]:
     return ["first", "second", "difference (%)", "95 % interval", "p"], rows
 
 
-def _show(result: Evaluation, written: Sequence[Path]) -> None:
+_BESIDE = (
+    "Correlation of the predicted face with the markers themselves, over the frames that are not "
+    "silent, each utterance's mean taken from both; the fitted tracks show what the fit leaves."
+)
+
+
+def landmark_table(found: LandmarkScores) -> tuple[list[str], list[list[str]]]:
+    """Correlations with the markers: header and a row a model, the best first."""
+    header = ["model", *MEASURES, "mean", "from", "to"]
+    order = sorted(range(len(found.models)), key=lambda i: -found.mean[i])
+    numbers = np.column_stack([found.correlation, found.mean, found.low, found.high])
+    return header, [[found.models[i], *(f"{v:.3f}" for v in numbers[i])] for i in order]
+
+
+def told(found: LandmarkScores) -> dict[str, Any]:
+    """Correlations with the markers, as JSON can hold them."""
+    return {
+        "frames": found.frames,
+        "models": {
+            name: {
+                **dict(zip(MEASURES, found.correlation[i].tolist(), strict=True)),
+                "mean": found.mean[i],
+                "low": found.low[i],
+                "high": found.high[i],
+            }
+            for i, name in enumerate(found.models)
+        },
+    }
+
+
+def _show(result: Evaluation, written: Sequence[Path], landmarks: LandmarkScores | None) -> None:
     screen = console.screen()
     screen.print(
         f"{result.utterances} utterances, {result.frames[0]} frames of speech; all but silence, "
         "average over the parameters, 95 % intervals over utterances:\n"
     )
     screen.print(console.table(*short_table(result)), "")
+    if landmarks is not None:
+        screen.print(_BESIDE, "", console.table(*landmark_table(landmarks)), "", sep="\n")
     screen.print("Written:")
     for path in written:
         screen.print(f"  {path}", soft_wrap=True)

@@ -77,6 +77,10 @@ def evaluate(
         str | None, typer.Option(help="The utterance whose trajectories are drawn.")
     ] = None,
     parameter: Annotated[str | None, typer.Option(help="The parameter that is drawn.")] = None,
+    landmarks: Annotated[
+        bool,
+        typer.Option("--landmarks", help="Compare predicted faces with the markers as well."),
+    ] = False,
     resamples: Annotated[int, typer.Option(min=100, help="Of the bootstrap.")] = 2000,
     seed: Annotated[int, typer.Option(min=0, help="Of the bootstrap.")] = 0,
     as_json: AsJson = False,
@@ -93,6 +97,7 @@ def evaluate(
             face=face,
             utterance=utterance,
             parameter=parameter,
+            landmarks=landmarks,
             resamples=resamples,
             seed=seed,
             as_json=as_json,

@@ -113,7 +113,7 @@ def _segment(text: str, line: int) -> PhoneSegment:
 
 
 def _fields(text: str) -> tuple[Any, Any, str, Any]:
-    """Start, end, phone and stress; a `ValueError`, `KeyError` or `TypeError` where they are not."""
+    """Start, end, phone and stress; a `ValueError`, `KeyError` or `TypeError` if they are not."""
     if not text.startswith("{"):
         start, end, phone, *rest = text.split()
         if len(rest) > 1:

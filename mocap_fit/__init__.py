@@ -25,12 +25,15 @@ _HOMES: dict[str, str] = {
     "bind_markers": "mocap_fit.fitting",
     "fit_orientation": "mocap_fit.fitting",
     "fit_shape": "mocap_fit.fitting",
+    "evaluate": "mocap_fit.evaluation",
     "synthesise": "mocap_fit.synthesis",
     "render_movie": "mocap_fit.render",
 }
 
 if TYPE_CHECKING:
+    from mocap_fit import control as control
     from mocap_fit.corpus import open_corpus as open_corpus
+    from mocap_fit.evaluation import evaluate as evaluate
     from mocap_fit.face import load_face as load_face
     from mocap_fit.fitting import bind_markers as bind_markers
     from mocap_fit.fitting import fit_orientation as fit_orientation
@@ -42,10 +45,12 @@ if TYPE_CHECKING:
     from mocap_fit.render import render_movie as render_movie
     from mocap_fit.synthesis import synthesise as synthesise
 
-__all__ = ["__version__", *_HOMES]
+__all__ = ["__version__", "control", *_HOMES]
 
 
 def __getattr__(name: str) -> Any:
+    if name == "control":
+        return importlib.import_module("mocap_fit.control")
     try:
         home = _HOMES[name]
     except KeyError:

@@ -36,6 +36,7 @@ from mocap_fit.tracks import (
     write_parquet,
 )
 from mocap_fit.tracks.parquet_file import damaged, read_table, write_table
+from mocap_fit.whole_file import whole_file
 
 FORMAT_VERSION = 1
 DESCRIPTION_FILE, UTTERANCES_FILE = "corpus.toml", "utterances.parquet"
@@ -382,17 +383,8 @@ def write_corpus(corpus: Corpus, folder: Path, phone_set_file: str | None = None
     }
     if corpus.rate is not None:
         content["rate"] = corpus.rate
-    target = folder / DESCRIPTION_FILE
-    partial = folder / f".{DESCRIPTION_FILE}.{os.getpid()}.partial"
-    try:
+    with whole_file(folder / DESCRIPTION_FILE) as partial:
         partial.write_text(tomli_w.dumps(content), encoding="utf-8", newline="\n")
-        os.replace(partial, target)
-    except OSError as error:
-        raise FileFormatError(
-            "the file cannot be written", path=target, found=error.strerror
-        ) from None
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def save_corpus(corpus: Corpus, folder: str | os.PathLike[str]) -> None:

@@ -7,12 +7,12 @@ look and writes it.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mocap_fit.errors import FileFormatError
+from mocap_fit.whole_file import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -109,11 +109,6 @@ def save_figure(path: Path, draw: Callable[..., Figure], *arguments: Any) -> Non
             path=path,
             expected="a name in .png or .svg",
         )
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        with matplotlib.rc_context(_STYLE):
-            figure = draw(*arguments)
-            figure.savefig(partial, format=kind, dpi=150, metadata=_METADATA[kind])
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with whole_file(path, "figure") as partial, matplotlib.rc_context(_STYLE):
+        figure = draw(*arguments)
+        figure.savefig(partial, format=kind, dpi=150, metadata=_METADATA[kind])

@@ -21,6 +21,7 @@ ROOMS = {
     "mocap_fit": (
         "errors",
         "registry",
+        "whole_file",
         "drawing",
         "tracks",
         "phones",
@@ -54,7 +55,6 @@ ROOMS = {
         "fit",
         "comparison",
         "figures",
-        "demo",
         "triphones",
         "select_sentences",
         "align",
@@ -69,6 +69,7 @@ ROOMS = {
         "speak",
         "stream",
         "export",
+        "demo",
         "speak_commands",
         "corpus_commands",
         "cli",

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from corpus_tools import console
 from corpus_tools.convert.plan import Plan, described
-from corpus_tools.convert.utterance import AUDIO, PARTS, Outcome, write_whole
+from corpus_tools.convert.utterance import AUDIO, PARTS, Outcome
 from corpus_tools.manifest import Manifest
 from mocap_fit.corpus import (
     DESCRIPTION_FILE,
@@ -21,6 +21,7 @@ from mocap_fit.corpus import (
 )
 from mocap_fit.errors import ConfigurationError, MocapFitError
 from mocap_fit.tracks import Step
+from mocap_fit.whole_file import whole_file
 
 # Says that the folder is one of ours, also while there is no corpus in it yet: what does not
 # belong to a corpus is removed from it, and nobody's recordings must be.
@@ -164,7 +165,8 @@ def _describe(
     file = None
     if plan.phone_set_file is not None:
         file, content = plan.phone_set_file
-        write_whole(out / file, content)
+        with whole_file(out / file) as partial:
+            partial.write_bytes(content)
     corpus = Corpus(
         utterances,
         phone_set=settings.phone_set,

@@ -29,11 +29,12 @@ from corpus_tools.convert.material import (
     with_energy,
 )
 from corpus_tools.convert.plan import Job, Settings
-from mocap_fit.errors import DataError, FileFormatError, MocapFitError, MocapFitWarning
+from mocap_fit.errors import DataError, MocapFitError, MocapFitWarning
 from mocap_fit.phones import UnknownPhone, write_phones
 from mocap_fit.sound import Sound, read_sound, write_sound
 from mocap_fit.tracks import write_parquet
 from mocap_fit.tracks.parquet_file import read_description
+from mocap_fit.whole_file import whole_file
 
 PARTS = ("markers", "head", "phones", "tracks")
 """Folders of Parquet files; the tracks are written last, when all else is there."""
@@ -155,27 +156,8 @@ def write_sent(out: Path, job: Job, files: Mapping[str, bytes]) -> None:
     """
     for path in paths_of(job):
         if path in files:
-            write_whole(out / path, files[path])
-
-
-def write_whole(target: Path, content: bytes) -> None:
-    """Write a file whole or not at all.
-
-    Raises
-    ------
-    FileFormatError
-        If it cannot be written.
-    """
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
-    try:
-        partial.write_bytes(content)
-        os.replace(partial, target)
-    except OSError as error:
-        raise FileFormatError(
-            "the file cannot be written", path=target, found=error.strerror or error
-        ) from None
-    finally:
-        partial.unlink(missing_ok=True)
+            with whole_file(out / path) as partial:
+                partial.write_bytes(files[path])
 
 
 def make_folders(out: Path) -> None:
@@ -345,9 +327,8 @@ def _write_audio(task: Task, job: Job, sound: Sound | None, speech: Sound | None
         return None
     target = task.out / AUDIO / f"{job.entry.id}.wav"
     if speech is sound:
-        content = (task.root / job.sound).read_bytes()
-        write_whole(target, content)
+        with whole_file(target) as partial:
+            partial.write_bytes((task.root / job.sound).read_bytes())
     else:
         write_sound(speech, target)
-        content = target.read_bytes()
-    return hashlib.sha256(content).hexdigest()
+    return hashlib.sha256(target.read_bytes()).hexdigest()

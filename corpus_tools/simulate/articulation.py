@@ -72,6 +72,11 @@ class _UtteranceNoise(Strict):
     jaw_shift: float
 
 
+class _WordNoise(Strict):
+    emphasis: float
+    declination: float
+
+
 class _GestureNoise(Strict):
     extent: float
     target: float
@@ -97,6 +102,7 @@ class Articulation(Strict):
     gestures: tuple[_Gesture, ...]
     speaker: _SpeakerNoise
     utterance: _UtteranceNoise
+    word: _WordNoise
     gesture: _GestureNoise
     resistance: _Resistance
     reduction: dict[str, float]
@@ -196,6 +202,7 @@ class Articulator:
         stiff = weights * table.neutral.stiffness
         free = np.ones((steps, 2))
         lips = np.zeros((steps, 4))
+        emphasis = self._emphasis(phones, rng)
         for active in self._gestures(phones):
             gesture, noise = active.gesture, _Noise(rng, table)
             moves = noise.onset, noise.offset
@@ -210,7 +217,8 @@ class Articulator:
                 goal = _sum(target, active.traits)
                 if not active.traits["silence"]:
                     neutral = self._neutral[index]
-                    goal = neutral + (goal - neutral) * active.extent * effort * noise.extent
+                    extent = active.extent * effort * emphasis[active.phone] * noise.extent
+                    goal = neutral + (goal - neutral) * extent
                     goal += noise.target(name)
                 pull = strength * activation
                 weights[part, index] += pull
@@ -242,6 +250,17 @@ class Articulator:
             own = stiff[:, names.index(name)]
             own += (1.0 - free[:, i]) * (stiffer - own)
         return Pull(1.0 / _RATE, sums / weights + slow, stiff, 1.0 - free, distance, share)
+
+    def _emphasis(self, phones: PhoneSequence, rng: np.random.Generator) -> list[float]:
+        """How far each phone's gestures go for its word's sake: more weight, or less."""
+        noise = self.table.word
+        factor, found = 1.0, []
+        for i, segment in enumerate(phones):
+            if i == 0 or segment.word != phones[i - 1].word:
+                factor = float(np.exp(noise.emphasis * np.clip(rng.standard_normal(), -2, 2)))
+            place = (segment.centre - phones[0].start) / phones.duration
+            found.append(factor * (1.0 - noise.declination * (place - 0.5)))
+        return found
 
     def _gestures(self, phones: PhoneSequence) -> Iterator[_Active]:
         """All gestures of an utterance, phone by phone."""

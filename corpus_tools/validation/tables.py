@@ -110,8 +110,13 @@ def _schema(kind: str) -> Any:
             checks=pa.Check(ends_later, name="end after start"),
         )
     tests = {
-        "columns": pa.Column(str, check("there", lambda s: s != _MISSING)),
-        "numbers": pa.Column(str, check("numbers", lambda s: s.isin((_MISSING, "float64")))),
+        "columns": pa.Column(
+            str,
+            [
+                check("there", lambda s: s != _MISSING),
+                check("numbers", lambda s: s.isin((_MISSING, "float64", "uint8"))),
+            ],
+        ),
         "finite": pa.Column(float, finite, nullable=True),
         "not negative": pa.Column(float, check("not negative", lambda s: s >= 0), nullable=True),
         "origin": pa.Column(float, check("origin", lambda s: s.isin((0, 1, 2, 3)))),
@@ -155,14 +160,14 @@ def check_table(
         return
     # Tables of tracks have hundreds of columns; pandera takes them as few long ones, in a tenth
     # of the time.
-    for asked, columns in _wide(kind, names).items():
-        kinds = [str(frame[c].dtype) if c in frame else _MISSING for c in columns]
-        for about in ("columns", "numbers") if asked != "origin" else ("columns",):
-            for (_, check), cases in _failures(_long(kinds), about).items():
-                for row, value in cases:
-                    yield _finding(place, columns[row], check, [(None, value)])
-        usable = [c for c, k in zip(columns, kinds, strict=True) if k not in (_MISSING, "object")]
-        usable = [c for c in usable if frame[c].dtype.kind in "fiu"]
+    wide = _wide(kind, names)
+    every = [column for columns in wide.values() for column in columns]
+    kinds = [str(frame[c].dtype) if c in frame else _MISSING for c in every]
+    for (_, check), cases in _failures(_long(kinds), "columns").items():
+        for row, value in cases:
+            yield _finding(place, every[row], check, [(None, value)])
+    for asked, columns in wide.items():
+        usable = [c for c in columns if c in frame and frame[c].dtype.kind in "fiu"]
         cells = frame[usable].to_numpy(dtype=float)
         groups: dict[str, list[tuple[Any, Any]]] = {}
         for cases in _failures(_long(cells.ravel()), asked).values():

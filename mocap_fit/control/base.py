@@ -191,6 +191,7 @@ class ControlModel(abc.ABC):
                 found=f"{validation.phone_set.name}, {', '.join(validation.parameter_names)}",
                 expected=f"{corpus.phone_set.name}, {', '.join(corpus.parameter_names)}",
             )
+        before = dict(vars(self))
         self.parameter_names_ = corpus.parameter_names
         self.phone_set_ = corpus.phone_set
         first = corpus.utterances[0].tracks
@@ -209,7 +210,13 @@ class ControlModel(abc.ABC):
                 progress(entry)
 
         self.log_ = ()
-        self._fit(corpus, validation, keep, None if checkpoint is None else Path(checkpoint))
+        try:
+            self._fit(corpus, validation, keep, None if checkpoint is None else Path(checkpoint))
+        except BaseException:
+            # Half trained is not trained: it stays what it was.
+            vars(self).clear()
+            vars(self).update(before)
+            raise
         self.log_ = (*self.log_, *entries)
         return self
 

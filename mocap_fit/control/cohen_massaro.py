@@ -11,9 +11,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mocap_fit.control import dominance
-from mocap_fit.control.base import ControlModel, LogEntry, Progress
+from mocap_fit.control.base import ControlModel, Progress
 from mocap_fit.control.dominance import FREE_PARAMETERS, Frames
-from mocap_fit.control.levenberg_marquardt import Equations, minimise
+from mocap_fit.control.levenberg_marquardt import Equations
+from mocap_fit.control.parameter_training import train_parameter
 from mocap_fit.control.training import (
     PLANNED_PARAMETERS,
     Checkpoint,
@@ -33,10 +34,13 @@ from mocap_fit.tracks import FloatArray
 # Training measures time in tenths of a second, about the length of a phone: then theta, phi and c
 # have little to do with each other. What is learned is kept for seconds.
 _UNIT = 0.1
-# Logarithms of alpha, theta, phi and c at the start, and how far they may go.
-_START = np.array([0.0, 0.3, 0.3, 0.2])
-_LOWER = np.array([-12.0, -8.0, -8.0, -1.6])
-_UPPER = np.array([12.0, 6.0, 6.0, 1.4])
+# Logarithms of alpha, theta, phi and c at the start, and how far they may go:
+_START = (0.0, 0.3, 0.3, 0.2)
+# of a target, and of those four.
+_BOUNDS = (
+    (-math.inf, (-12.0, -8.0, -8.0, -1.6)),
+    (math.inf, (12.0, 6.0, 6.0, 1.4)),
+)
 _PREDICTED_AT_ONCE = 4096
 
 
@@ -103,69 +107,26 @@ class CohenMassaro(ControlModel):
         self, name: str, training: _Track, test: _Track, kept: Checkpoint, progress: Progress
     ) -> FloatArray:
         """The free parameters of one articulatory parameter, `(phones, 5)`."""
-        entries = f"log {name}"
-        if name in kept:
-            for row in kept[entries]:
-                progress(_entry(name, row))
-            return kept[name]
-        scale = training.scale()
-        start = np.concatenate([np.zeros((training.phones, 1)), _starts(training.phones)], axis=1)
+        phones = training.phones
+        start = np.tile([0.0, *_START], (phones, 1))
         start[:, 0] = training.best_targets(start, self.prior)
-        bounds = tuple(
-            np.concatenate(
-                [np.full((training.phones, 1), side), np.tile(logs, (training.phones, 1))], axis=1
-            )
-            for side, logs in ((-np.inf, _LOWER), (np.inf, _UPPER))
-        )
         # A logarithm that is 1 from its start weighs as much as a frame one deviation off.
-        pull = np.tile(self.prior * np.array([1.0, *[scale**2] * 4]), (training.phones, 1)).ravel()
-        begin = start.ravel()
-
-        def error(point: FloatArray) -> float:
-            return training.error(point.reshape(-1, 5)) + float(pull @ (point - begin) ** 2)
-
-        def equations(point: FloatArray) -> Equations:
-            found = training.equations(point.reshape(-1, 5))
-            apart = point - begin
-            return Equations(
-                found.squares + np.diag(pull),
-                found.slope + pull * apart,
-                found.error + float(pull @ apart**2),
-            )
-
-        rows: list[tuple[float, float, float]] = []
-        best = (math.inf, 0, begin)
-
-        def after(iteration: int, point: FloatArray, reached: float) -> bool:
-            nonlocal best
-            free = point.reshape(-1, 5)
-            of_training = reached - float(pull @ (point - begin) ** 2)
-            of_test = test.error(free) if test.count else math.nan
-            row = (
-                float(iteration),
-                math.sqrt(max(of_training, 0.0) / max(training.count, 1)),
-                math.sqrt(of_test / test.count) if test.count else math.nan,
-            )
-            rows.append(row)
-            progress(_entry(name, row))
-            if not test.count or of_test < best[0]:
-                best = (of_test, iteration, point.copy())
-            return iteration - best[1] >= self.patience
-
-        minimise(
-            equations,
-            error,
-            begin,
-            (bounds[0].ravel(), bounds[1].ravel()),
-            iterations=self.iterations,
-            tolerance=self.tolerance,
-            after=after,
+        pull = self.prior * np.array([1.0, *[training.scale() ** 2] * 4])
+        bounds = [np.tile([far, *logarithms], phones) for far, logarithms in _BOUNDS]
+        found = train_parameter(
+            name,
+            training,
+            test,
+            start.ravel(),
+            np.tile(pull, phones),
+            (bounds[0], bounds[1]),
+            self,
+            kept,
+            progress,
         )
-        free = best[2].reshape(-1, 5)
+        free = found.reshape(-1, 5).copy()
         # theta t^c with t in seconds instead of tenths.
         free[:, 2:4] -= np.exp(free[:, 4:]) * math.log(_UNIT)
-        kept.keep(entries, np.array(rows))
-        kept.keep(name, free)
         return free
 
     def _predict(self, phones: PhoneSequence, times: FloatArray) -> FloatArray:
@@ -251,7 +212,10 @@ class CohenMassaro(ControlModel):
 
 
 class _Track:
-    """One articulatory parameter over all recordings: its errors, its normal equations."""
+    """One articulatory parameter over all recordings: its errors, its normal equations.
+
+    A point is `(5 * phones,)`: the five of the first phone, then those of the next.
+    """
 
     def __init__(
         self, data: Sequence[Recording], frames: Sequence[Frames], position: int, phones: int
@@ -273,18 +237,18 @@ class _Track:
         found = float(values.std()) if len(values) else 0.0
         return found or 1.0
 
-    def error(self, free: FloatArray) -> float:
+    def error(self, point: FloatArray) -> float:
         """Sum of squares over the frames that have a value (eq. 5)."""
-        total = 0.0
+        free, total = point.reshape(-1, 5), 0.0
         for frames, values, there in zip(self._frames, self._values, self._there, strict=True):
             apart = (self._trajectory(free, frames) - values)[there]
             total += float(apart @ apart)
         return total
 
-    def equations(self, free: FloatArray) -> Equations:
+    def equations(self, point: FloatArray) -> Equations:
         """The normal equations of all free parameters, `5 * phones` of them."""
         squares = np.zeros((5 * self.phones, 5 * self.phones))
-        slope, total = np.zeros(5 * self.phones), 0.0
+        slope, total, free = np.zeros(5 * self.phones), 0.0, point.reshape(-1, 5)
         for frames, values, there in zip(self._frames, self._values, self._there, strict=True):
             found, derivatives = self._jacobian(free, frames)
             apart = found - values
@@ -314,12 +278,3 @@ class _Track:
 def _prepared(recording: Recording) -> Frames:
     centres = 0.5 * (recording.phones.starts + recording.phones.ends)
     return Frames.of(recording.positions, centres / _UNIT, recording.times / _UNIT)
-
-
-def _starts(phones: int) -> FloatArray:
-    return np.tile(_START, (phones, 1))
-
-
-def _entry(part: str, row: Sequence[float]) -> LogEntry:
-    test = float(row[2])
-    return LogEntry(int(row[0]), float(row[1]), None if math.isnan(test) else test, part)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mocap_fit.errors import FileFormatError
+from mocap_fit.whole_file import whole_file
 
 FORMAT_VERSION = 1
 _HEADER = "header"
@@ -33,22 +33,9 @@ def write_model_file(
         The file; one that exists is replaced.
     """
     text = json.dumps({"format_version": FORMAT_VERSION, **header}, ensure_ascii=False)
-    target = Path(path)
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
-    try:
-        with open(partial, "wb") as stream:
-            content = np.frombuffer(text.encode(), dtype=np.uint8)
-            np.savez(stream, allow_pickle=False, **{_HEADER: content}, **arrays)
-        os.replace(partial, target)
-    except OSError as error:
-        raise FileFormatError(
-            "the model cannot be written",
-            path=path,
-            found=error.strerror,
-            advice="Check that the folder exists and may be written to.",
-        ) from None
-    finally:
-        partial.unlink(missing_ok=True)
+    content = np.frombuffer(text.encode(), dtype=np.uint8)
+    with whole_file(path, "model") as partial, open(partial, "wb") as stream:
+        np.savez(stream, allow_pickle=False, **{_HEADER: content}, **arrays)
 
 
 def read_model_file(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mocap_fit.control.base import ControlModel, LogEntry, Progress
-from mocap_fit.control.levenberg_marquardt import Equations, minimise
+from mocap_fit.control.base import ControlModel, Progress
+from mocap_fit.control.levenberg_marquardt import Equations
+from mocap_fit.control.parameter_training import train_parameter
 from mocap_fit.control.training import (
     PLANNED_PARAMETERS,
     Checkpoint,
@@ -118,7 +118,7 @@ class Ohman(ControlModel):
         means = phone_means(data, len(self.symbols_))
         for position, name in enumerate(self.parameter_names_):
             training, test = (
-                _Track.of(part, blend, position)
+                Errors.of(part, blend, position)
                 for part, blend in zip((data, held), blends, strict=True)
             )
             found = self._trained(name, means[:, position], training, test, kept, progress)
@@ -126,91 +126,38 @@ class Ohman(ControlModel):
             self.middle_[position] = found[2, 0]
 
     def _blends_of(self, data: Sequence[Recording]) -> Blends:
+        """The blends of all frames, one recording after the other."""
         vowel = vowels(self.symbols_)
-        empty = sparse.csr_array((0, len(vowel)))
-        parts = [
-            blends(r.positions, peaks(r.phones, self.hold), r.times, vowel, self.symbols_.seen)
-            for r in data
-        ]
-        return (
-            Blends(
-                *(sparse.vstack([empty, *each], format="csr") for each in zip(*parts, strict=True))
-            )
-            if parts
-            else Blends(empty, empty)
-        )
+        found = [Blends(*[sparse.csr_array((0, len(vowel)))] * 2)]
+        for each in data:
+            held = peaks(each.phones, self.hold)
+            found.append(blends(each.positions, held, each.times, vowel, self.symbols_.seen))
+        return Blends(*(sparse.vstack(part, format="csr") for part in zip(*found, strict=True)))
 
     def _trained(
         self,
         name: str,
         means: FloatArray,
-        training: _Track,
-        test: _Track,
+        training: Errors,
+        test: Errors,
         kept: Checkpoint,
         progress: Progress,
     ) -> FloatArray:
         """Of one articulatory parameter, `(3, phones)`: targets, factors, the mean of the data."""
-        entries = f"log {name}"
-        if name in kept:
-            for row in kept[entries]:
-                progress(_entry(name, row))
-            return kept[name]
         # Targets begin at the phones' means, and count from the mean of the data.
         values = training.values
         middle, scale = (float(values.mean()), float(values.std())) if len(values) else (0.0, 0.0)
         training, test = training.less(middle), test.less(middle)
         vowel = vowels(self.symbols_)
         phones = len(vowel)
-        begin = np.concatenate([means - middle, np.where(vowel, 0.0, _FACTOR)])
+        start = np.concatenate([means - middle, np.where(vowel, 0.0, _FACTOR)])
         pull = self.prior * np.concatenate([np.ones(phones), np.full(phones, scale**2 or 1.0)])
         # Vowels have no factor.
         far = np.full(phones, _WIDEST * float(np.abs(training.values).max(initial=0.0)))
         bounds = np.concatenate([-far, np.zeros(phones)]), np.concatenate([far, 1.0 - vowel])
-
-        def error(point: FloatArray) -> float:
-            return training.error(point) + float(pull @ (point - begin) ** 2)
-
-        def equations(point: FloatArray) -> Equations:
-            found = training.equations(point)
-            apart = point - begin
-            return Equations(
-                found.squares + np.diag(pull),
-                found.slope + pull * apart,
-                found.error + float(pull @ apart**2),
-            )
-
-        rows: list[tuple[float, float, float]] = []
-        best = (math.inf, 0, begin)
-
-        def after(iteration: int, point: FloatArray, reached: float) -> bool:
-            nonlocal best
-            of_training = max(reached - float(pull @ (point - begin) ** 2), 0.0)
-            of_test = test.error(point) if len(test.values) else math.nan
-            row = (
-                float(iteration),
-                math.sqrt(of_training / max(len(values), 1)),
-                math.sqrt(of_test / len(test.values)) if len(test.values) else math.nan,
-            )
-            rows.append(row)
-            progress(_entry(name, row))
-            if not of_test >= best[0]:
-                best = (of_test, iteration, point.copy())
-            return iteration - best[1] >= self.patience
-
-        minimise(
-            equations,
-            error,
-            begin,
-            bounds,
-            iterations=self.iterations,
-            tolerance=self.tolerance,
-            after=after,
-        )
-        targets, factors = np.split(best[2], 2)
-        found = np.stack([targets + middle, factors, np.full(phones, middle)])
-        kept.keep(entries, np.array(rows))
-        kept.keep(name, found)
-        return found
+        found = train_parameter(name, training, test, start, pull, bounds, self, kept, progress)
+        targets, factors = np.split(found, 2)
+        return np.stack([targets + middle, factors, np.full(phones, middle)])
 
     def _predict(self, phones: PhoneSequence, times: FloatArray) -> FloatArray:
         positions = self.symbols_.positions(phones)
@@ -355,7 +302,8 @@ def _matrix(columns: IntArray, shares: FloatArray, phones: int) -> Any:
     ).tocsr()
 
 
-class _Track(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Errors:
     """One articulatory parameter over all frames that have a value: errors, normal equations.
 
     A point is the targets of vowels and consonants, `(phones,)`, then the factors w.
@@ -365,7 +313,7 @@ class _Track(NamedTuple):
     blends: Blends
 
     @classmethod
-    def of(cls, data: Sequence[Recording], blends: Blends, position: int) -> _Track:
+    def of(cls, data: Sequence[Recording], blends: Blends, position: int) -> Errors:
         """The parameter at a position."""
         values = np.concatenate([np.zeros(0), *(each.values[:, position] for each in data)])
         there = np.isfinite(values)
@@ -373,9 +321,14 @@ class _Track(NamedTuple):
             return cls(values, blends)
         return cls(values[there], Blends(blends.track[there], blends.consonants[there]))
 
-    def less(self, middle: float) -> _Track:
+    @property
+    def count(self) -> int:
+        """How many frames there are."""
+        return len(self.values)
+
+    def less(self, middle: float) -> Errors:
         """The same from another zero."""
-        return _Track(self.values - middle, self.blends)
+        return Errors(self.values - middle, self.blends)
 
     def _parts(self, point: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The vowel track, what the consonants leave of it, and the errors, `(frames,)` each."""
@@ -405,8 +358,3 @@ class _Track(NamedTuple):
 def _rows(values: FloatArray) -> Any:
     """A matrix that multiplies rows from the left, or columns from the right."""
     return sparse.diags_array(values, format="csr")
-
-
-def _entry(part: str, row: Sequence[float]) -> LogEntry:
-    test = float(row[2])
-    return LogEntry(int(row[0]), float(row[1]), None if math.isnan(test) else test, part)

@@ -2,6 +2,7 @@
 
 from mocap_fit.evaluation.closure import Gaps, segment_gaps
 from mocap_fit.evaluation.evaluation import Difference, Evaluation, evaluate
+from mocap_fit.evaluation.landmarks import LandmarkScores, landmark_scores
 from mocap_fit.evaluation.measures import DEFINITIONS, GROUPS
 
 __all__ = [
@@ -10,6 +11,8 @@ __all__ = [
     "Difference",
     "Evaluation",
     "Gaps",
+    "LandmarkScores",
     "evaluate",
+    "landmark_scores",
     "segment_gaps",
 ]

@@ -10,16 +10,16 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_fit.errors import ConfigurationError, FileFormatError
+from mocap_fit.errors import ConfigurationError
 from mocap_fit.face.mesh import Mesh
 from mocap_fit.face.rig import Rig, evaluate
 from mocap_fit.render.talking import parameters_at
 from mocap_fit.tracks import FloatArray, ParameterTracks
+from mocap_fit.whole_file import whole_file
 
 COUNT = 68
 _UNIT = 1024.0
@@ -168,20 +168,8 @@ def write_fap(
     lines = [f"2.1 {name} {rate:g} {len(values)}"]
     for number, row in enumerate(values.tolist()):
         lines += [mask, " ".join(map(str, [number, *row]))]
-    target = Path(path)
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
-    try:
+    with whole_file(path) as partial:
         partial.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
-        os.replace(partial, target)
-    except OSError as error:
-        raise FileFormatError(
-            "the file cannot be written",
-            path=path,
-            found=error.strerror,
-            advice="Check that the folder exists and may be written to.",
-        ) from None
-    finally:
-        partial.unlink(missing_ok=True)
     return len(values)
 
 

@@ -18,6 +18,7 @@ from mocap_fit.face.mesh import Mesh, Part
 from mocap_fit.face.rig import Rig
 from mocap_fit.render.shapes import BlendedShapes, blended_shapes
 from mocap_fit.tracks import ParameterTracks
+from mocap_fit.whole_file import whole_file
 
 _METRES = 0.001
 _FLOAT, _UNSIGNED, _BYTE = 5126, 5125, 5121
@@ -71,19 +72,8 @@ def write_gltf(
     blended = blended_shapes(tracks, rig, rate)
     document = _Document(pygltflib, rig.mesh, blended)
     content = document.finished(tracks.name or "talk")
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
-    try:
+    with whole_file(path) as partial:
         partial.write_bytes(content)
-        os.replace(partial, target)
-    except OSError as error:
-        raise FileFormatError(
-            "the file cannot be written",
-            path=path,
-            found=error.strerror,
-            advice="Check that the folder exists and may be written to.",
-        ) from None
-    finally:
-        partial.unlink(missing_ok=True)
     return blended
 
 

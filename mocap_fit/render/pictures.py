@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.errors import DataError, FileFormatError
+from mocap_fit.whole_file import whole_file
 
 Image = NDArray[np.uint8]
 
@@ -83,21 +83,8 @@ def save_picture(image: Image, path: str | os.PathLike[str]) -> None:
     path = Path(path)
     if path.suffix.lower() != ".png":
         raise FileFormatError("pictures are written as PNG", path=path, expected="a name in .png")
-    temporary: str | None = None
-    try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        with os.fdopen(handle, "wb") as file:
-            imsave(file, image, format="png")
-        os.replace(temporary, path)
-    except OSError as error:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
-        raise FileFormatError(
-            "the picture cannot be written",
-            path=path,
-            found=error.strerror,
-            advice="Check that the folder exists and may be written to.",
-        ) from None
+    with whole_file(path, "picture") as partial:
+        imsave(partial, image, format="png")
 
 
 def _check(images: Sequence[Image], columns: int, labels: Sequence[str] | None) -> None:

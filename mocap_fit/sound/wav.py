@@ -14,6 +14,7 @@ import numpy as np
 
 from mocap_fit.errors import DataError, FileFormatError
 from mocap_fit.tracks import FloatArray
+from mocap_fit.whole_file import whole_file
 
 Encoding = Literal["PCM_16", "PCM_24", "PCM_32", "FLOAT", "DOUBLE"]
 _ENCODINGS: tuple[Encoding, ...] = get_args(Encoding)
@@ -211,22 +212,10 @@ def write_sound(
     encoding = encoding or sound.encoding
     if encoding.startswith("PCM"):
         samples = np.clip(samples, -1.0, 1.0)
-    target = Path(path)
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
     stream = io.BytesIO()
     soundfile.write(stream, samples, rate, subtype=encoding, format="WAV")
-    try:
+    with whole_file(path) as partial:
         partial.write_bytes(_without_clock_time(stream.getvalue()))
-        os.replace(partial, target)
-    except OSError as error:
-        raise FileFormatError(
-            "the file cannot be written",
-            path=path,
-            found=error.strerror or error,
-            advice="Check that the folder exists and may be written to.",
-        ) from None
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _without_clock_time(content: bytes) -> bytes:

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
@@ -38,6 +39,7 @@ _MERGED = 0.35
 _DECIMALS = 5
 _STRESS = {"ˈ": 1, "ˌ": 2}
 _SLOWEST, _FASTEST = 80, 450
+_PUNCTUATION = re.compile(r"^[^\w]+|[^\w]+$")
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,8 @@ class Voice:
         Sounds as the voice names them → the same in IPA as the phone set has it, with blanks
         between several.
     joined
-        Two sounds in a row → the one that they are in this language.
+        Two sounds in a row in a word → the one, or the two (with a blank), that they are in this
+        language.
     """
 
     name: str
@@ -68,8 +71,12 @@ LANGUAGES: dict[str, Voice] = {
         "sv",
         "sv-sta",
         {"sx": "ɧ", "ʃ": "ɧ", "y": "ʏ", "œ": "ø"},
-        # The voice has but one of the retroflexes of Central Swedish.
+        # The voice has few of the retroflexes of Central Swedish, and no open vowels before r.
         {
+            ("ɛ", "r"): "æ r",
+            ("ɛː", "r"): "æː r",
+            ("ø", "r"): "œ r",
+            ("øː", "r"): "œː r",
             ("r", "t"): "ʈ",
             ("r", "d"): "ɖ",
             ("r", "n"): "ɳ",
@@ -82,6 +89,7 @@ LANGUAGES: dict[str, Voice] = {
         "en-us",
         "en-arpabet",
         {"ɾ": "d", "ᵻ": "ɪ", "ɐ": "ə", "ʔ": "t", "ɜː": "ɝ", "iə": "i ə", "aɪə": "aɪ ə"},
+        {("ɹ", "ɹ"): "ɹ"},
     ),
 }
 """Languages with a phone set of their own. Any other name is a voice of espeak-ng, with IPA."""
@@ -268,8 +276,13 @@ class TextSpeaker:
             before = found[-1] if found else segment
             one = self.voice.joined.get((before.phone, segment.phone))
             if one is not None and before.word == segment.word:
-                segment = dataclasses.replace(segment, start=before.start, phone=one)
                 found.pop()
+                first, _, second = one.partition(" ")
+                if second:
+                    found.append(dataclasses.replace(before, phone=first))
+                    segment = dataclasses.replace(segment, phone=second)
+                else:
+                    segment = dataclasses.replace(segment, start=before.start, phone=first)
             found.append(segment)
         return found
 
@@ -322,11 +335,12 @@ def speak_text(
 
 def _heard(events: list[list[Any]], samples: int, text: str) -> list[tuple[int, int, str, str]]:
     """Start and end (samples), sound and word of each phone; pauses have no sound."""
+    words = _words([position - 1 for kind, _, position, *_ in events if kind == "word"], text)
     word = ""
     starts: list[tuple[int, str, str]] = []
-    for kind, sample, position, length, name in events:
+    for kind, sample, _, _, name in events:
         if kind == "word":
-            word = text[position - 1 : position - 1 + length]
+            word = next(words)
         else:
             starts.append((sample, name, word if name.lstrip("ˈˌ") else ""))
     ends = [start for start, _, _ in starts[1:]] + [samples]
@@ -339,6 +353,26 @@ def _heard(events: list[list[Any]], samples: int, text: str) -> list[tuple[int, 
             heard[-1] = first, start, vowel, its_word
         heard.append((start, end, name, word))
     return heard
+
+
+def _words(positions: list[int], text: str) -> Iterator[str]:
+    """What is written at each of the places where espeak-ng says that a word begins.
+
+    It says small words together with their neighbours ("in the"), and counts a character wrong at
+    times: what is between one place and the next, from the beginning of a word, is one word here.
+    """
+    written = [match.span() for match in re.finditer(r"\S+", text)]
+    begins = np.array([start for start, _ in written], dtype=np.int64)
+    ends = np.array([end for _, end in written], dtype=np.int64)
+    first = [int(np.searchsorted(ends, position, side="right")) for position in positions]
+    first = [max(0, min(place, len(written) - 1)) for place in first]
+    for here, after in zip(first, [*first[1:], len(written)], strict=True):
+        last = max(here, after - 1)
+        yield " ".join(
+            bare
+            for word in text[begins[here] : ends[last]].split()
+            if (bare := _PUNCTUATION.sub("", word))
+        )
 
 
 def _whole(phones: PhoneSequence, silence: str, duration: float) -> PhoneSequence:

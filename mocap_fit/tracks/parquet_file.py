@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from mocap_fit.errors import FileFormatError
+from mocap_fit.whole_file import whole_file
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -67,11 +68,12 @@ class TableWriter:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self._target = Path(path)
-        self._partial = self._target.with_name(f".{self._target.name}.{os.getpid()}.partial")
+        self._path, self._open = path, contextlib.ExitStack()
+        self._partial: Path | None = None
         self._writer: Any = None
 
     def __enter__(self) -> Self:
+        self._partial = self._open.enter_context(whole_file(self._path))
         return self
 
     def write(self, columns: Mapping[str, Any], description: Mapping[str, Any]) -> None:
@@ -83,22 +85,19 @@ class TableWriter:
         import pyarrow.parquet as pq
 
         table = pa.table(dict(columns))
-        try:
-            if self._writer is None:
-                text = json.dumps(
-                    {"format_version": FORMAT_VERSION, **description},
-                    sort_keys=True,
-                    ensure_ascii=False,
+        if self._writer is None:
+            text = json.dumps(
+                {"format_version": FORMAT_VERSION, **description},
+                sort_keys=True,
+                ensure_ascii=False,
+            )
+            schema = table.schema.with_metadata({_KEY: text.encode()})
+            self._writer = self._open.enter_context(
+                pq.ParquetWriter(
+                    self._partial, schema, compression="zstd", write_page_checksum=True
                 )
-                self._writer = pq.ParquetWriter(
-                    self._partial,
-                    table.schema.with_metadata({_KEY: text.encode()}),
-                    compression="zstd",
-                    write_page_checksum=True,
-                )
-            self._writer.write_table(table.cast(self._writer.schema), row_group_size=ROW_GROUP)
-        except OSError as error:
-            raise self._fault(error) from None
+            )
+        self._writer.write_table(table.cast(self._writer.schema), row_group_size=ROW_GROUP)
 
     def __exit__(
         self,
@@ -106,23 +105,7 @@ class TableWriter:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        try:
-            if self._writer is not None:
-                self._writer.close()
-            if kind is None:
-                os.replace(self._partial, self._target)
-        except OSError as problem:
-            raise self._fault(problem) from None
-        finally:
-            self._partial.unlink(missing_ok=True)
-
-    def _fault(self, error: OSError) -> FileFormatError:
-        return FileFormatError(
-            "the file cannot be written",
-            path=self._target,
-            found=os.strerror(error.errno) if error.errno else error,
-            advice="Check that the folder exists and may be written to.",
-        )
+        self._open.__exit__(kind, error, traceback)
 
 
 def kind_of(path: str | os.PathLike[str]) -> str | None:

@@ -37,6 +37,7 @@ class TracksWriter:
         self._frames = 0
 
     def __enter__(self) -> Self:
+        self._writer.__enter__()
         return self
 
     def write(self, tracks: Tracks, extra_columns: Mapping[str, ArrayLike] | None = None) -> None:

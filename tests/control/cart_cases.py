@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from mocap_fit.control.cart.growing import FIXED, ORDERED, SUBSET, Asked
+from mocap_fit.control.cart.growing import Asked
+from mocap_fit.control.cart.kernel import FIXED, ORDERED, SUBSET
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.phones import PhoneSegment, PhoneSequence, load_phone_set
 from mocap_fit.tracks import ParameterTracks

@@ -35,6 +35,7 @@ SENTENCES = (
 # Small forms of models whose own size would take long: what `create` is told for these tests.
 SETTINGS: dict[str, dict] = {
     "ann": {"hidden_units": 6, "epochs": 4},
+    "ann-ensemble": {"hidden_units": 3, "epochs": 2, "members": 2},
     "ann-low-latency": {"hidden_units": 6, "epochs": 4},
     "cohen-massaro": {"iterations": 3},
     "ridge": {"context": 2},

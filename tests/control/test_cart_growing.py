@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from mocap_fit.control.cart.gains import (
     cross_validated_error,
     cross_validated_gain,
-    surplus,
     surpluses,
 )
-from mocap_fit.control.cart.growing import LEFT, UNSEEN, grow
+from mocap_fit.control.cart.growing import grow
+from mocap_fit.control.cart.kernel import LEFT, UNSEEN, surplus
 from mocap_fit.control.cart.pruning import STRENGTHS, Judged, judge, pruned, strengths_of
 
 
@@ -243,13 +243,16 @@ def test_the_strength_of_a_last_cut_is_its_gain_in_variances_of_its_node():
     assert least <= tree.gains[weakest] / variances[weakest] * (1 + 1e-9)
 
 
-def test_held_out_errors_are_those_of_the_pruned_trees():
+@pytest.mark.parametrize("use_numba", [True, False])
+def test_held_out_errors_are_those_of_the_pruned_trees(use_numba):
     levels, targets, folds, _ = grown()
-    tree = grow(levels, targets, folds, asked(), fold_count=10, smallest=5, held_out=2)
+    options = {"fold_count": 10, "smallest": 5, "least_gain": 0.0, "phone_order": "tree"}
+    tree = grow(levels, targets, folds, asked(), held_out=2, **options)
     out = np.flatnonzero(folds == 2)
     strengths = np.array([0.0, 3.0, 8.0, 1e6])
-    errors, squares = judge(tree, levels, targets, out, asked(), strengths)
-    for strength, error, square in zip(strengths, errors, squares, strict=True):
+    judged = judge(levels, targets, folds, 2, asked(), strengths, **options, use_numba=use_numba)
+    assert judged.count == len(out)
+    for place, strength in enumerate(strengths):
         smaller = pruned(tree, strength)
         off = []
         for example in out:
@@ -262,8 +265,8 @@ def test_held_out_errors_are_those_of_the_pruned_trees():
                     side = int(counts[1] > counts[0])
                 node = smaller.children[node, side]
             off.append(smaller.means[node] - targets[example])
-        assert error == pytest.approx(np.sum(np.square(off)))
-        assert square == pytest.approx(np.sum(np.power(off, 4)))
+        assert judged.errors[place] == pytest.approx(np.sum(np.square(off)))
+        assert judged.squares[place] == pytest.approx(np.sum(np.power(off, 4)))
 
 
 def test_one_standard_error_prunes_more():

@@ -472,6 +472,37 @@ def test_a_corpus_that_cannot_be_trained_on_is_refused(name, small_corpus, small
 
 
 @every_model
+def test_a_training_that_fails_leaves_the_model_as_it_was(name, small_corpus, new_phones):
+    class Stopped(Exception):
+        pass
+
+    def stop(entry):
+        raise Stopped
+
+    model, small = (
+        made(name),
+        dataclasses.replace(small_corpus, utterances=small_corpus.utterances[:1]),
+    )
+    failed = False
+    try:
+        model.fit(small, progress=stop)
+    except Stopped:
+        failed = True
+        assert not model.is_fitted
+        with pytest.raises(DataError, match="not trained"):
+            model.predict(new_phones)
+    model.fit(small)
+    wanted = model.predict(new_phones).values
+    if failed:
+        with pytest.raises(Stopped):
+            model.fit(small_corpus, progress=stop)
+    else:
+        # One that logs nothing has nothing to stop at.
+        assert not model.log_
+    np.testing.assert_array_equal(model.predict(new_phones).values, wanted)
+
+
+@every_model
 def test_the_parameters_of_an_untrained_model_are_counted(name, small_corpus):
     model = made(name)
     if "phone_set" not in model.settings:

@@ -229,10 +229,11 @@ def test_a_stopped_training_goes_on_to_the_same_bytes(
         if entry.iteration > epochs:
             raise Stopped
 
+    broken = control.create("ann", **settings)
     with pytest.raises(Stopped):
-        control.create("ann", **settings).fit(
-            small_corpus, small_validation, progress=stop, checkpoint=path
-        )
+        broken.fit(small_corpus, small_validation, progress=stop, checkpoint=path)
+    with pytest.raises(DataError, match="not trained"):
+        broken.predict(small_corpus.utterances[0].phones)
     told = []
     model = control.create("ann", **settings).fit(
         small_corpus, small_validation, progress=told.append, checkpoint=path

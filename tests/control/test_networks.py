@@ -106,6 +106,24 @@ def test_a_corpus_of_another_phone_set_is_refused():
         control.create("ann", phone_set="cs-ipa", **SMALL).fit(corpus_of(SENTENCES[:1]))
 
 
+def test_members_of_an_ensemble_are_averaged(new_phones):
+    corpus = corpus_of(SENTENCES[:3])
+    model = control.create("ann-ensemble", members=3, **SMALL).fit(corpus)
+    assert [network.name for network in model.networks[::4]] == [
+        "occlusion",
+        "occlusion 2",
+        "occlusion 3",
+    ]
+    assert model.parameter_count == 3 * control.create("ann", **SMALL).parameter_count
+    found = []
+    for member in range(3):
+        alone = control.create("ann", **SMALL).fit(corpus)
+        alone._take(model.weights_[4 * member : 4 * member + 4])
+        found.append(alone.predict(new_phones).values)
+    assert np.abs(found[0] - found[1]).max() > 1e-3
+    np.testing.assert_allclose(model.predict(new_phones).values, np.mean(found, axis=0), atol=1e-12)
+
+
 # -- inputs and targets ------------------------------------------------------------------------
 
 

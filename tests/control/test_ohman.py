@@ -6,7 +6,7 @@ from control_cases import corpus_of, spoken
 
 from mocap_fit import control
 from mocap_fit.control.levenberg_marquardt import minimise
-from mocap_fit.control.ohman import _Track, blends, peaks, smoothstep, vowels
+from mocap_fit.control.ohman import Errors, blends, peaks, smoothstep, vowels
 from mocap_fit.control.training import Symbols, recordings
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.errors import ConfigurationError
@@ -93,7 +93,7 @@ def test_the_derivatives_agree_with_finite_differences(small_corpus, rng):
     data = recordings(small_corpus, symbols)[:3]
     model = control.create("ohman")
     model.symbols_ = symbols
-    track = _Track.of(data, model._blends_of(data), 0)
+    track = Errors.of(data, model._blends_of(data), 0)
     phones = len(symbols)
     point = np.concatenate(
         [rng.normal(0, 1, phones), np.where(vowels(symbols), 0, rng.uniform(0, 1, phones))]

@@ -165,7 +165,7 @@ def quiet_table():
         name: getattr(table, name).model_copy(
             update=dict.fromkeys(type(getattr(table, name)).model_fields, 0.0)
         )
-        for name in ("speaker", "utterance", "gesture")
+        for name in ("speaker", "utterance", "word", "gesture")
     }
     return table.model_copy(update=still)
 

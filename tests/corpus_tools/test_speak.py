@@ -102,6 +102,7 @@ class TestText:
         assert isinstance(kept, ParameterTracks)
         assert abs(len(list(out.iterdir())) / 25 - kept.duration) < 0.1
 
+    @pytest.mark.slow
     def test_another_voice_speaks_by_rule(self, tmp_path, capsys):
         out = tmp_path / "a"
         assert run("speak", "guten Tag", "--lang", "de", "--out", out, "--size", 64) == 0
@@ -196,6 +197,7 @@ class TestLabelsAndTracks:
         assert (blue[:, 2] > blue[:, 0]).mean() > 0.6
         assert run(*call, "--out", tmp_path / "a") == 2
 
+    @pytest.mark.slow
     def test_two_models_of_a_kind_are_told_apart(self, tmp_path, labels, capsys):
         for name in ("one", "two"):
             RuleBased().ready("en-arpabet").save(tmp_path / f"{name}.model")
@@ -274,6 +276,7 @@ class TestModels:
         phones = speak_models.simulated_corpus("sv", 1)["sim001"].phones
         np.testing.assert_array_equal(first.predict(phones).values, second.predict(phones).values)
 
+    @pytest.mark.slow
     def test_a_damaged_one_is_made_again(self, cache, capsys):
         speak_models.prepared("mean", "sv", utterances=4)
         kept = speak_models.cached_file("mean", "sv", 4)

@@ -121,6 +121,27 @@ def test_quotes_line_breaks_and_long_texts():
     assert spoken.phones.gaps() == ()
 
 
+@pytest.mark.parametrize(
+    ("language", "text", "words"),
+    [
+        # espeak-ng says small words together with their neighbours.
+        ("en", "The cup is in the house.", ["The", "cup", "is", "in the", "house"]),
+        ("cs", "Na stole je pes.", ["Na stole", "je", "pes"]),
+        ("en", 'He paid "12" (old) dollars.', ["He", "paid", "12", "old", "dollars"]),
+    ],
+)
+def test_what_is_written_of_words_said_together(language, text, words):
+    phones = speak_text(text, language).phones
+    assert list(dict.fromkeys(segment.word for segment in phones if segment.word)) == words
+
+
+def test_sounds_that_a_language_joins():
+    said = without_silence(speak_text("Bord och barn.", "sv"))
+    assert said == ("B", "O:", "2D", "Å", "K", "B", "A:", "2N")
+    assert without_silence(speak_text("Här.", "sv")) == ("H", "Ä3", "R")
+    assert without_silence(speak_text("Euros.", "en")).count("R") == 1
+
+
 @pytest.mark.parametrize("text", ["", "   ", "...", "\n"])
 def test_a_text_without_speech(text):
     with pytest.raises(DataError, match="nothing to say"):

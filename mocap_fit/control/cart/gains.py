@@ -20,50 +20,9 @@ import numpy as np
 
 from mocap_fit.tracks import FloatArray
 
-try:
-    import numba
-
-    # No "fast math": the same bytes whether a function was compiled or found in the cache.
-    compiled: Any = numba.njit(cache=True, error_model="numpy", nogil=True)
-    HAS_NUMBA = True
-except ImportError:  # pragma: no cover - numba is a dependency; without it the numpy path works
-
-    def compiled(function: Any) -> Any:
-        """Leave a function as it is."""
-        return function
-
-    HAS_NUMBA = False
-
-
-@compiled
-def surplus(counts, sums, count, total):  # type: ignore[no-untyped-def]  # numba infers the types
-    """What the cross-validated error of a node is above its plain squared error.
-
-    Parameters
-    ----------
-    counts, sums
-        `(folds,)`: examples of each fold, and their targets added up.
-    count, total
-        The same of all.
-
-    Returns
-    -------
-    float
-        Infinite where all examples are in one fold: then nothing is left to train on.
-    """
-    mean = total / count
-    added = 0.0
-    for fold in range(len(counts)):
-        rest = count - counts[fold]
-        if rest < 0.5:
-            return np.inf
-        off = sums[fold] - counts[fold] * mean
-        added += off * off * (count + rest) / (rest * rest)
-    return added
-
 
 def surpluses(counts: FloatArray, sums: FloatArray) -> FloatArray:
-    """`surplus` of many nodes at once, in numpy.
+    """What the cross-validated errors of nodes are above their plain squared errors.
 
     Parameters
     ----------

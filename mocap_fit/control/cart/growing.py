@@ -18,16 +18,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.control.cart.contexts import ByteArray
-from mocap_fit.control.cart.gains import HAS_NUMBA, compiled, surplus, surpluses
+from mocap_fit.control.cart.gains import surpluses
+from mocap_fit.control.cart.kernel import (
+    FIXED,
+    HAS_NUMBA,
+    LEFT,
+    RIGHT,
+    SAME,
+    SUBSET,
+    UNSEEN,
+    grow_and_prune,
+)
 from mocap_fit.tracks import FloatArray
 
 IntArray = NDArray[np.int64]
-
-#: What a question is: of a class or a list, of a number, open over phones.
-FIXED, ORDERED, SUBSET = 0, 1, 2
-LEFT, RIGHT, UNSEEN = 0, 1, 2
-# Gains that differ by less than this part of a node's error are the same gain.
-_SAME = 1e-9
 
 
 class Asked(NamedTuple):
@@ -128,255 +132,46 @@ def grow(
     Grown
         One node at least.
     """
-    chosen = np.arange(len(folds)) if held_out < 0 else np.flatnonzero(folds != held_out)
-    # Rounding is least about the mean, which is put back at the end.
+    chosen = np.flatnonzero(folds != held_out)
+    centred, middle = about_zero(targets, chosen)
+    tree = room_for(len(chosen), asked)
+    how = (fold_count, smallest, least_gain, phone_order == "node")
+    if use_numba and HAS_NUMBA:
+        out, none = np.zeros(0, dtype=np.int64), np.zeros(0)
+        nodes = grow_and_prune(
+            levels, centred, folds, chosen, out, *asked, *how, -np.inf, none, none, none, *tree
+        )
+    else:
+        nodes = _grow_plainly(levels, centred, folds, chosen, asked, *how, tree)
+    return cut_to(tree, nodes, middle)
+
+
+def about_zero(targets: FloatArray, chosen: IntArray) -> tuple[FloatArray, float]:
+    """Targets less the mean of those that are chosen, about which rounding is least; the mean."""
     middle = float(targets[chosen].mean())
     centred = targets - middle
     # What rounding leaves of equal targets is no difference to be cut at.
     centred[np.abs(centred) <= 1e-12 * abs(middle)] = 0.0
-    size = int(asked.sizes.max()) if len(asked.sizes) else 1
-    room = 2 * len(chosen) + 1
-    # What growing does not reach is never looked at.
-    tree = Grown(
+    return centred, middle
+
+
+def room_for(examples: int, asked: Asked) -> Grown:
+    """Arrays for the largest tree of so many examples; what growing does not reach is not set."""
+    room = 2 * examples + 1
+    return Grown(
         np.empty(room, dtype=np.int64),
-        np.empty((room, size), dtype=np.uint8),
+        np.empty((room, int(asked.sizes.max())), dtype=np.uint8),
         np.empty((room, 2), dtype=np.int64),
         np.empty(room, dtype=np.int64),
         *(np.empty(room) for _ in range(4)),
     )
-    run = _grow if use_numba and HAS_NUMBA else _grow_plainly
-    nodes = run(
-        levels,
-        centred,
-        folds,
-        chosen,
-        *asked,
-        fold_count,
-        smallest,
-        least_gain,
-        phone_order == "node",
-        *tree,
-    )
+
+
+def cut_to(tree: Grown, nodes: int, middle: float) -> Grown:
+    """The nodes that there are, their means put back to where they were."""
     tree.means[:nodes] += middle
     arrays: Any = tree
     return Grown(*(array[:nodes].copy() for array in arrays))
-
-
-@compiled
-def _grow(  # type: ignore[no-untyped-def]  # numba infers the types
-    levels,
-    targets,
-    folds,
-    chosen,
-    of_attribute,
-    kinds,
-    members,
-    sizes,
-    fold_count,
-    smallest,
-    least_gain,
-    by_node,
-    questions,
-    sides,
-    children,
-    counts,
-    means,
-    errors,
-    validated,
-    gains,
-):
-    examples = len(chosen)
-    attributes = levels.shape[0]
-    size = sides.shape[1]
-    # The examples of a node lie together, from its start to its end.
-    lying = chosen.copy()
-    aside = np.empty(examples, np.int64)
-    starts = np.empty(2 * examples + 1, np.int64)
-    ends = np.empty(2 * examples + 1, np.int64)
-    starts[0], ends[0] = 0, examples
-    # Of each, by how much its target is off the node's mean, and its fold.
-    off = np.empty(examples)
-    own_fold = np.empty(examples, np.int64)
-    # Histograms of one attribute: by level, and by level and fold.
-    n, s = np.zeros(size), np.zeros(size)
-    n_fold, s_fold = np.zeros((size, fold_count)), np.zeros((size, fold_count))
-    of_n, of_s = np.zeros(fold_count), np.zeros(fold_count)
-    left_n, left_s = np.zeros(fold_count), np.zeros(fold_count)
-    right_n, right_s = np.zeros(fold_count), np.zeros(fold_count)
-    order = np.zeros((attributes, size), np.int64)
-    seen = np.zeros(attributes, np.int64)
-    present = np.empty(size, np.int64)
-    keys = np.zeros(size)
-    side = np.zeros(size, np.uint8)
-    nodes, node = 1, 0
-    while node < nodes:
-        start, end = starts[node], ends[node]
-        count = float(end - start)
-        total = 0.0
-        for i in range(start, end):
-            total += targets[lying[i]]
-        mean = total / count
-        of_n[:] = 0.0
-        of_s[:] = 0.0
-        error = 0.0
-        total = 0.0
-        for i in range(start, end):
-            example = lying[i]
-            value, fold = targets[example] - mean, folds[example]
-            off[i], own_fold[i] = value, fold
-            error += value * value
-            total += value
-            of_n[fold] += 1.0
-            of_s[fold] += value
-        over = surplus(of_n, of_s, count, total)
-        counts[node], means[node] = end - start, mean
-        errors[node], validated[node] = error, error + over
-        questions[node], gains[node] = -1, 0.0
-        children[node, 0], children[node, 1] = -1, -1
-        sides[node, :] = UNSEEN
-        same = _SAME * error
-        best, best_question = least_gain * (error + over) / count, -1
-        last, kept = -1, 0
-        is_leaf = end - start <= smallest or not over < np.inf or error <= _SAME * errors[0]
-        for question in range(0 if is_leaf else len(of_attribute)):
-            attribute = of_attribute[question]
-            if attribute != last:
-                last = attribute
-                row = levels[attribute]
-                for level in range(sizes[attribute]):
-                    n[level] = 0.0
-                for i in range(start, end):
-                    level, fold, value = row[lying[i]], own_fold[i], off[i]
-                    if n[level] == 0.0:
-                        s[level] = 0.0
-                        for f in range(fold_count):
-                            n_fold[level, f] = 0.0
-                            s_fold[level, f] = 0.0
-                    n[level] += 1.0
-                    s[level] += value
-                    n_fold[level, fold] += 1.0
-                    s_fold[level, fold] += value
-                if node == 0:
-                    seen[attribute] = sizes[attribute]
-                    for level in range(sizes[attribute]):
-                        order[attribute, level] = level
-                kept = 0
-                for place in range(seen[attribute]):
-                    level = order[attribute, place]
-                    if n[level] > 0.0:
-                        present[kept] = level
-                        kept += 1
-            if kept < 2:
-                continue
-            if kinds[question] == FIXED:
-                n_left, s_left = 0.0, 0.0
-                for place in range(kept):
-                    level = present[place]
-                    if members[question, level]:
-                        n_left += n[level]
-                        s_left += s[level]
-                if n_left == 0.0 or n_left == count:
-                    continue
-                plain = _plain_gain(n_left, s_left, count, total)
-                if plain + over <= best + same:
-                    continue
-                left_n[:] = 0.0
-                left_s[:] = 0.0
-                for place in range(kept):
-                    level = present[place]
-                    if members[question, level]:
-                        for f in range(fold_count):
-                            left_n[f] += n_fold[level, f]
-                            left_s[f] += s_fold[level, f]
-                for f in range(fold_count):
-                    right_n[f] = of_n[f] - left_n[f]
-                    right_s[f] = of_s[f] - left_s[f]
-                gain = plain + over - surplus(left_n, left_s, n_left, s_left)
-                gain -= surplus(right_n, right_s, count - n_left, total - s_left)
-                if gain > best + same:
-                    best, best_question = gain, question
-                    for level in range(sizes[attribute]):
-                        side[level] = UNSEEN
-                    for place in range(kept):
-                        level = present[place]
-                        side[level] = LEFT if members[question, level] else RIGHT
-                continue
-            if kinds[question] == SUBSET and (by_node or node == 0):
-                for place in range(kept):
-                    keys[present[place]] = s[present[place]] / n[present[place]]
-                for place in range(1, kept):
-                    level = present[place]
-                    at = place
-                    while at > 0 and _follows(present[at - 1], level, keys):
-                        present[at] = present[at - 1]
-                        at -= 1
-                    present[at] = level
-                if node == 0:
-                    seen[attribute] = kept
-                    for place in range(kept):
-                        order[attribute, place] = present[place]
-            n_left, s_left = 0.0, 0.0
-            left_n[:] = 0.0
-            left_s[:] = 0.0
-            cut = -1
-            for place in range(kept - 1):
-                level = present[place]
-                n_left += n[level]
-                s_left += s[level]
-                for f in range(fold_count):
-                    left_n[f] += n_fold[level, f]
-                    left_s[f] += s_fold[level, f]
-                # A cut gains no more than this: nothing is validated below its plain error.
-                plain = _plain_gain(n_left, s_left, count, total)
-                if plain + over <= best + same:
-                    continue
-                for f in range(fold_count):
-                    right_n[f] = of_n[f] - left_n[f]
-                    right_s[f] = of_s[f] - left_s[f]
-                gain = plain + over - surplus(left_n, left_s, n_left, s_left)
-                gain -= surplus(right_n, right_s, count - n_left, total - s_left)
-                if gain > best + same:
-                    best, best_question, cut = gain, question, place
-            if cut >= 0:
-                for level in range(sizes[attribute]):
-                    side[level] = UNSEEN
-                for place in range(kept):
-                    side[present[place]] = LEFT if place <= cut else RIGHT
-        if best_question >= 0:
-            questions[node], gains[node] = best_question, best
-            row = levels[of_attribute[best_question]]
-            for level in range(sizes[of_attribute[best_question]]):
-                sides[node, level] = side[level]
-            middle, moved = start, 0
-            for i in range(start, end):
-                example = lying[i]
-                if side[row[example]] == LEFT:
-                    lying[middle] = example
-                    middle += 1
-                else:
-                    aside[moved] = example
-                    moved += 1
-            for i in range(moved):
-                lying[middle + i] = aside[i]
-            children[node, 0], children[node, 1] = nodes, nodes + 1
-            starts[nodes], ends[nodes] = start, middle
-            starts[nodes + 1], ends[nodes + 1] = middle, end
-            nodes += 2
-        node += 1
-    return nodes
-
-
-@compiled
-def _plain_gain(n_left, s_left, count, total):  # type: ignore[no-untyped-def]
-    """By how much a cut lowers the plain squared error."""
-    s_right, n_right = total - s_left, count - n_left
-    return s_left * s_left / n_left + s_right * s_right / n_right - total * total / count
-
-
-@compiled
-def _follows(level, other, keys):  # type: ignore[no-untyped-def]
-    """Whether a level comes after another: by key, then by number."""
-    return keys[level] > keys[other] or (keys[level] == keys[other] and level > other)
 
 
 def _grow_plainly(
@@ -384,18 +179,15 @@ def _grow_plainly(
     targets: FloatArray,
     folds: IntArray,
     chosen: IntArray,
-    of_attribute: IntArray,
-    kinds: IntArray,
-    members: ByteArray,
-    sizes: IntArray,
+    asked: Asked,
     fold_count: int,
     smallest: int,
     least_gain: float,
     by_node: bool,
-    *arrays: Any,
+    tree: Grown,
 ) -> int:
-    """What `_grow` does, in numpy: a node at a time, all cuts of an attribute at once."""
-    tree = Grown(*arrays)
+    """Grow in numpy: a node at a time, all cuts of an attribute at once."""
+    of_attribute, kinds, members, sizes = asked
     waiting = [chosen]
     order: dict[int, IntArray] = {}
     for node, examples in enumerate(waiting):
@@ -410,9 +202,9 @@ def _grow_plainly(
         tree.errors[node], tree.validated[node] = error, error + over
         tree.questions[node], tree.children[node], tree.gains[node] = -1, -1, 0.0
         tree.sides[node] = UNSEEN
-        if len(examples) <= smallest or not over < np.inf or error <= _SAME * tree.errors[0]:
+        if len(examples) <= smallest or not over < np.inf or error <= SAME * tree.errors[0]:
             continue
-        same = _SAME * error
+        same = SAME * error
         best, best_question = least_gain * (error + over) / count, -1
         side = np.full(0, UNSEEN, dtype=np.uint8)
         for question, attribute in enumerate(of_attribute):

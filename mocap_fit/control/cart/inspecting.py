@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_fit.control.cart.contexts import KIND_OF_GROUP
-from mocap_fit.control.cart.growing import LEFT
+from mocap_fit.control.cart.kernel import LEFT
 from mocap_fit.control.cart.learning import TreeKey
 from mocap_fit.control.cart.model import Cart
 from mocap_fit.errors import DataError

@@ -2,41 +2,34 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mocap_fit.control.cart.contexts import (
     GROUPS,
     KIND_OF_GROUP,
     Alphabet,
     ByteArray,
-    ContextReader,
-    energies,
     group_of,
-    resistance_of,
-    targets,
 )
-from mocap_fit.control.cart.growing import FIXED, ORDERED, SUBSET, Asked, Grown, IntArray, grow
-from mocap_fit.control.cart.pruning import STRENGTHS, Judged, judge, pruned, strengths_of
+from mocap_fit.control.cart.examples import Examples
+from mocap_fit.control.cart.growing import Asked, Grown, IntArray
+from mocap_fit.control.cart.kernel import FIXED, ORDERED, SUBSET
+from mocap_fit.control.cart.pruning import STRENGTHS, Judged, grow_pruned, judge, strengths_of
 from mocap_fit.control.cart.questions import Attribute, Question
-from mocap_fit.control.cart.tree import Tree, finished
-from mocap_fit.corpus import Corpus
-from mocap_fit.phones import PhoneSequence, PhoneSet
+from mocap_fit.control.cart.tree import Made, Tree, finished
+from mocap_fit.phones import PhoneSet
 from mocap_fit.tracks import FloatArray
 
 #: Bins that the numbers of a tree are divided into at most.
 BINS = 32
 #: Held-out targets that tell how strongly to prune all trees together.
-ENOUGH = 10_000
+ENOUGH = 20_000
 #: Examples that a tree of many phones is grown from at most.
 MOST_POOLED = 2_000
-#: Examples a phone has before its variance is believed.
-_BELIEVED = 10
 
 
 class TreeKey(NamedTuple):
@@ -72,112 +65,6 @@ class Growth:
     pruning: str
     one_standard_error: bool
     seed: int
-
-
-@dataclass(frozen=True, eq=False)
-class Examples:
-    """The segments of a corpus.
-
-    Parameters
-    ----------
-    symbols
-        `(segments,)`: the phones, as trees are named by them.
-    columns
-        Of each attribute what `ContextReader.columns` gives.
-    energies
-        `(segments,)`, dB, NaN where unknown.
-    targets
-        `(segments, parameters)`, NaN where missing.
-    """
-
-    symbols: NDArray[np.str_]
-    columns: list[NDArray[Any]]
-    energies: FloatArray
-    targets: FloatArray
-
-
-def read_corpus(corpus: Corpus) -> tuple[list[PhoneSequence], list[FloatArray]]:
-    """The phones of all utterances, and their targets, `(segments, parameters)` each."""
-    phones, found = [], []
-    for utterance in corpus:
-        sequence = utterance.phones
-        if len(sequence):
-            phones.append(sequence)
-            found.append(targets(utterance.tracks, sequence))
-    return phones, found
-
-
-def alphabet_of(phones: Sequence[PhoneSequence], phone_set: PhoneSet) -> Alphabet:
-    """The phones that utterances have, counted without stress."""
-    labels = Counter(label for sequence in phones for label in sequence.phones)
-    counted: Counter[str] = Counter()
-    for label, times in labels.items():
-        counted[phone_set.phone(label).symbol] += times
-    return Alphabet.of(counted, phone_set)
-
-
-def resistance(
-    alphabet: Alphabet,
-    parameter_names: Sequence[str],
-    by_phone_set: NDArray[np.bool_],
-    phones: Sequence[PhoneSequence],
-    found: Sequence[FloatArray],
-) -> NDArray[np.bool_]:
-    """Which phones resist coarticulation in which parameter.
-
-    Where the phone set does not say it, the corpus does: a phone resists whose targets vary
-    little, with less than half of the variance that targets have about the means of their phones.
-
-    Returns
-    -------
-    NDArray[np.bool_]
-        `(levels, parameters)`.
-    """
-    phone_set = alphabet.phone_set
-    resists = np.zeros((alphabet.levels, len(parameter_names)), dtype=np.bool_)
-    for level, symbol in enumerate(alphabet.symbols, start=1):
-        resists[level] = resistance_of(phone_set, symbol, parameter_names) & by_phone_set
-    learned = np.flatnonzero(~by_phone_set)
-    if not len(learned):
-        return resists
-    labels = [label for sequence in phones for label in sequence.phones]
-    level_of = {label: alphabet.level(phone_set.phone(label).symbol) for label in set(labels)}
-    levels = np.array([level_of[label] for label in labels])
-    silent = alphabet.level(phone_set.silence)
-    for p in learned:
-        values = np.concatenate(found)[:, p]
-        known = np.isfinite(values) & (levels != silent)
-        own, value = levels[known], values[known]
-        count = np.bincount(own, minlength=alphabet.levels)
-        mean = np.bincount(own, value, alphabet.levels) / np.maximum(count, 1)
-        squares = np.bincount(own, (value - mean[own]) ** 2, alphabet.levels)
-        # Of one example nothing is known about how it varies.
-        degrees = np.maximum(count - 1, 0)
-        pooled = squares.sum() / max(int(degrees.sum()), 1)
-        variance = squares / np.maximum(degrees, 1)
-        resists[:, p] = (count >= _BELIEVED) & (variance < 0.5 * pooled)
-    resists[1 + len(alphabet.symbols) :] = False
-    return resists
-
-
-def collect(
-    phones: Sequence[PhoneSequence],
-    found: Sequence[FloatArray],
-    reader: ContextReader,
-    by_stress: bool,
-) -> Examples:
-    """All segments with their attributes and targets."""
-    phone_set = reader.alphabet.phone_set
-    columns = [reader.columns(sequence) for sequence in phones]
-    kinds = {(s.phone, s.stress): s for sequence in phones for s in sequence}
-    symbol_of = {key: phone_set.symbol(segment, by_stress) for key, segment in kinds.items()}
-    symbols = [symbol_of[s.phone, s.stress] for sequence in phones for s in sequence]
-    return Examples(
-        np.array(symbols, dtype=np.str_),
-        [np.concatenate(parts) for parts in zip(*columns, strict=True)],
-        np.concatenate([energies(sequence) for sequence in phones]),
-        np.concatenate(found),
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,6 +161,8 @@ class Grower:
         )
         found = []
         values = self.examples.targets[rows]
+        # By name: whatever other trees there are.
+        rng = np.random.default_rng([self.growth.seed, int(with_sound), *key_of.encode()])
         for p in range(values.shape[1]):
             for a in by_parameter:
                 levels[a] = columns[a][rows, p]
@@ -282,49 +171,54 @@ class Grower:
             if not count:
                 continue
             own = levels.copy() if count == len(known) else np.ascontiguousarray(levels[:, known])
-            # The folds are drawn once a tree, by its name, whatever other trees there are.
-            seed = [self.growth.seed, p, int(with_sound), *key_of.encode()]
-            folds = np.random.default_rng(seed).permutation(np.arange(count) % self.growth.folds)
+            # The folds are drawn once a tree.
+            folds = rng.permutation(np.arange(count) % self.growth.folds)
             key = TreeKey(key_of, p, pooled, with_sound)
             found.append(_Sample(key, own, values[known, p], folds, asked, asks, edges))
         return found
 
-    def grown(self, sample: _Sample, held_out: int = -1) -> Grown:
-        """A tree before it is pruned."""
+    def pruned(self, sample: _Sample, strength: float) -> Grown:
+        """A tree, grown and pruned."""
         growth = self.growth
-        return grow(
+        return grow_pruned(
             sample.levels,
             sample.targets,
             sample.folds,
             sample.asked,
+            strength,
             fold_count=growth.folds,
             smallest=growth.smallest,
             least_gain=growth.least_gain,
             phone_order=growth.phone_order,
-            held_out=held_out,
         )
 
-    def finished(self, sample: _Sample, grown: Grown) -> Tree:
-        """A tree as it is kept."""
-        return finished(
-            grown,
-            self.questions,
-            sample.numbers.tolist(),
-            sample.asked.members,
-            sample.asked.attributes.tolist(),
-            sample.edges,
-            self._groups,
-        )
+    def finished(self, samples: Sequence[_Sample], grown: Sequence[Grown]) -> list[Tree]:
+        """Trees as they are kept."""
+        made = [
+            Made(tree, sample.numbers, sample.edges)
+            for sample, tree in zip(samples, grown, strict=True)
+        ]
+        attributes, members = self._asked.attributes.tolist(), self._asked.members
+        return finished(made, self.questions, attributes, members, self._groups)
 
     def judged(self, sample: _Sample, fold: int, strengths: FloatArray) -> Judged | None:
         """What the examples of one fold say of the trees that the others grow."""
-        is_out = sample.folds == fold
-        if is_out.all() or not is_out.any():
+        in_fold = np.count_nonzero(sample.folds == fold)
+        if in_fold in (0, len(sample.folds)):
             return None
-        tree = self.grown(sample, fold)
-        out = np.flatnonzero(is_out)
-        errors, squares = judge(tree, sample.levels, sample.targets, out, sample.asked, strengths)
-        return Judged(strengths, errors, squares, len(out))
+        growth = self.growth
+        return judge(
+            sample.levels,
+            sample.targets,
+            sample.folds,
+            fold,
+            sample.asked,
+            strengths,
+            fold_count=growth.folds,
+            smallest=growth.smallest,
+            least_gain=growth.least_gain,
+            phone_order=growth.phone_order,
+        )
 
     def judged_together(self, samples: Sequence[_Sample]) -> Judged:
         """What held-out examples of all trees say of each strength.
@@ -352,8 +246,9 @@ class Grower:
                 break
         return Judged(STRENGTHS, errors, squares, count)
 
-    def judged_alone(self, sample: _Sample, tree: Grown) -> Judged:
+    def judged_alone(self, sample: _Sample) -> Judged:
         """What all folds of a tree say of the trees of its own sequence (Breiman et al. 3.4.2)."""
+        tree = self.pruned(sample, -np.inf)
         own = np.unique(strengths_of(tree)[tree.questions >= 0])
         own = own[own > 0]
         # Between two steps of the sequence, as is usual; and the root alone.
@@ -390,18 +285,17 @@ def learn(grower: Grower, by_stress: bool) -> tuple[dict[TreeKey, Tree], Judged 
     for symbol in np.unique(symbols):
         samples += grower.samples(str(symbol), np.flatnonzero(symbols == symbol))
     samples += _pooled_samples(grower, {(s.key.of, s.key.parameter) for s in samples}, by_stress)
-    judged, strength = None, 0.0
+    judged, strength = None, -np.inf
     if growth.pruning == "together":
         judged = grower.judged_together([s for s in samples if not s.key.pooled])
         strength = judged.best(growth.one_standard_error)
-    trees: dict[TreeKey, Tree] = {}
+    grown: list[Grown] = []
     for sample in samples:
-        tree = grower.grown(sample)
         if growth.pruning == "each":
-            strength = grower.judged_alone(sample, tree).best(growth.one_standard_error)
-        if growth.pruning != "none":
-            tree = pruned(tree, strength)
-        trees[sample.key] = grower.finished(sample, tree)
+            strength = grower.judged_alone(sample).best(growth.one_standard_error)
+        grown.append(grower.pruned(sample, strength))
+    finished_trees = grower.finished(samples, grown)
+    trees = {sample.key: tree for sample, tree in zip(samples, finished_trees, strict=True)}
     # A tree that asks nothing of the sound is the one without it, or as good.
     silent = [
         key

@@ -20,18 +20,14 @@ from mocap_fit.control.base import ControlModel, LogEntry, Progress
 from mocap_fit.control.cart.closures import Closure, check_closures, learned_closures
 from mocap_fit.control.cart.contexts import Alphabet, ContextReader, energies
 from mocap_fit.control.cart.curves import INTERPOLATIONS, curve, smoothing_reach
-from mocap_fit.control.cart.learning import (
+from mocap_fit.control.cart.examples import (
     Examples,
-    Grower,
-    Growth,
-    TreeKey,
     alphabet_of,
-    chain,
     collect,
-    learn,
     read_corpus,
     resistance,
 )
+from mocap_fit.control.cart.learning import Grower, Growth, TreeKey, chain, learn
 from mocap_fit.control.cart.questions import (
     Question,
     check_phones_of,

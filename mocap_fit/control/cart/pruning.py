@@ -18,8 +18,16 @@ from typing import Any
 import numpy as np
 
 from mocap_fit.control.cart.contexts import ByteArray
-from mocap_fit.control.cart.gains import compiled
-from mocap_fit.control.cart.growing import Asked, Grown, IntArray
+from mocap_fit.control.cart.growing import (
+    Asked,
+    Grown,
+    IntArray,
+    about_zero,
+    cut_to,
+    grow,
+    room_for,
+)
+from mocap_fit.control.cart.kernel import HAS_NUMBA, UNSEEN, grow_and_prune, weakest_first
 from mocap_fit.tracks import FloatArray
 
 #: Strengths that are tried for all trees together; with the last hardly a cut stays.
@@ -79,57 +87,10 @@ def strengths_of(tree: Grown) -> FloatArray:
         `(nodes,)`: the strength up to which a node keeps its cut; minus infinity in a leaf. None
         is stronger than a cut above it.
     """
-    variances = tree.validated / tree.counts
-    inner = tree.questions >= 0
-    if not inner.any():
-        return np.full(len(inner), -np.inf)
-    found: FloatArray = _weakest_first(
-        tree.children, np.where(np.isfinite(tree.validated), tree.validated, 0.0), variances
+    found: FloatArray = weakest_first(
+        len(tree.questions), tree.children, tree.counts, tree.validated
     )
     return found
-
-
-@compiled
-def _weakest_first(children, errors, variances):  # type: ignore[no-untyped-def]
-    nodes = len(errors)
-    parents = np.full(nodes, -1, np.int64)
-    standing = np.zeros(nodes, np.bool_)
-    # Of each branch: the errors of its leaves, and the variances of its cuts.
-    below, price = errors.copy(), np.zeros(nodes)
-    for node in range(nodes):
-        if children[node, 0] >= 0:
-            parents[children[node, 0]] = node
-            parents[children[node, 1]] = node
-            standing[node] = True
-            below[node], price[node] = 0.0, variances[node]
-    for node in range(nodes - 1, 0, -1):
-        below[parents[node]] += below[node]
-        price[parents[node]] += price[node]
-    strengths = np.full(nodes, -np.inf)
-    waiting = np.empty(nodes, np.int64)
-    reached = -np.inf
-    while standing[0]:
-        weakest, least = -1, np.inf
-        for node in range(nodes):
-            if standing[node]:
-                strength = (errors[node] - below[node]) / price[node]
-                if weakest < 0 or strength < least:
-                    weakest, least = node, strength
-        reached = max(reached, least)
-        waiting[0], left = weakest, 1
-        while left > 0:
-            left -= 1
-            node = waiting[left]
-            if standing[node]:
-                standing[node], strengths[node] = False, reached
-                waiting[left], waiting[left + 1] = children[node, 0], children[node, 1]
-                left += 2
-        more, less, node = errors[weakest] - below[weakest], price[weakest], weakest
-        while node >= 0:
-            below[node] += more
-            price[node] -= less
-            node = parents[node]
-    return strengths
 
 
 def pruned(tree: Grown, strength: float) -> Grown:
@@ -148,84 +109,112 @@ def pruned(tree: Grown, strength: float) -> Grown:
     return Grown(*(array[kept] for array in arrays))
 
 
-def judge(
-    tree: Grown,
+def grow_pruned(
     levels: ByteArray,
     targets: FloatArray,
-    examples: IntArray,
+    folds: IntArray,
     asked: Asked,
-    strengths: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Errors of held-out examples at each strength.
+    strength: float,
+    *,
+    fold_count: int,
+    smallest: int,
+    least_gain: float,
+    phone_order: str,
+    use_numba: bool = True,
+) -> Grown:
+    """Grow a tree and prune it.
 
     Parameters
     ----------
-    tree
-        Grown without them.
-    levels, targets
-        `(attributes, examples)` and `(examples,)`.
-    examples
-        Which were held out.
-    asked
-        The questions.
-    strengths
-        `(strengths,)`, ascending.
-
-    Returns
-    -------
-    errors, squares
-        `(strengths,)` each: squared errors added up, and their squares.
+    levels, targets, folds, asked, fold_count, smallest, least_gain, phone_order, use_numba
+        As for `grow`.
+    strength
+        As for `pruned`.
     """
-    errors, squares = np.zeros(len(strengths)), np.zeros(len(strengths))
-    _judge(
+    if use_numba and HAS_NUMBA:
+        everyone, nobody = np.arange(len(folds)), np.zeros(0, dtype=np.int64)
+        centred, middle = about_zero(targets, everyone)
+        room, none = room_for(len(folds), asked), np.zeros(0)
+        how = (fold_count, smallest, least_gain, phone_order == "node", strength)
+        nodes = grow_and_prune(
+            levels, centred, folds, everyone, nobody, *asked, *how, none, none, none, *room
+        )
+        return cut_to(room, nodes, middle)
+    tree = grow(
         levels,
         targets,
-        examples,
-        asked.attributes,
-        tree.questions,
-        tree.sides,
-        tree.children,
-        _larger_sides(tree),
-        tree.means,
-        strengths_of(tree),
-        strengths,
-        errors,
-        squares,
+        folds,
+        asked,
+        fold_count=fold_count,
+        smallest=smallest,
+        least_gain=least_gain,
+        phone_order=phone_order,
+        use_numba=False,
     )
-    return errors, squares
+    return pruned(tree, strength)
 
 
-def _larger_sides(tree: Grown) -> IntArray:
-    """Of each node, the side with more examples; 0 in a leaf."""
-    counts = tree.counts[tree.children]
-    return np.where(tree.questions >= 0, counts[:, 1] > counts[:, 0], 0).astype(np.int64)
+def judge(
+    levels: ByteArray,
+    targets: FloatArray,
+    folds: IntArray,
+    fold: int,
+    asked: Asked,
+    strengths: FloatArray,
+    *,
+    fold_count: int,
+    smallest: int,
+    least_gain: float,
+    phone_order: str,
+    use_numba: bool = True,
+) -> Judged:
+    """Grow a tree without one fold, and let that fold say how strongly to prune it.
+
+    Parameters
+    ----------
+    levels, targets, folds, asked, fold_count, smallest, least_gain, phone_order, use_numba
+        As for `grow`; at least one example is not in the fold.
+    fold
+        Which is held out.
+    strengths
+        `(strengths,)`, ascending.
+    """
+    errors, squares = np.zeros(len(strengths)), np.zeros(len(strengths))
+    out = np.flatnonzero(folds == fold)
+    if use_numba and HAS_NUMBA:
+        chosen = np.flatnonzero(folds != fold)
+        centred, _ = about_zero(targets, chosen)
+        room = room_for(len(chosen), asked)
+        how = (fold_count, smallest, least_gain, phone_order == "node", np.inf)
+        judged = (strengths, errors, squares)
+        grow_and_prune(levels, centred, folds, chosen, out, *asked, *how, *judged, *room)
+        return Judged(strengths, errors, squares, len(out))
+    tree = grow(
+        levels,
+        targets,
+        folds,
+        asked,
+        fold_count=fold_count,
+        smallest=smallest,
+        least_gain=least_gain,
+        phone_order=phone_order,
+        held_out=fold,
+        use_numba=False,
+    )
+    for place, strength in enumerate(strengths):
+        off = _answers(pruned(tree, strength), levels[:, out], asked) - targets[out]
+        errors[place], squares[place] = (off**2).sum(), (off**4).sum()
+    return Judged(strengths, errors, squares, len(out))
 
 
-@compiled
-def _judge(  # type: ignore[no-untyped-def]  # numba infers the types
-    levels,
-    targets,
-    examples,
-    of_attribute,
-    questions,
-    sides,
-    children,
-    larger,
-    means,
-    strong,
-    strengths,
-    errors,
-    squares,
-):
-    for example in examples:
-        node, place = 0, len(strengths) - 1
-        while place >= 0:
-            off = means[node] - targets[example]
-            # Of all trees whose strength is above the node's, the example ends here.
-            while place >= 0 and not strong[node] >= strengths[place]:
-                errors[place] += off * off
-                squares[place] += off**4
-                place -= 1
-            if place >= 0:
-                side = sides[node, levels[of_attribute[questions[node]], example]]
-                node = children[node, larger[node] if side > 1 else side]
+def _answers(tree: Grown, levels: ByteArray, asked: Asked) -> FloatArray:
+    """What a tree says of examples; who has a level that a node never saw goes with the most."""
+    node = np.zeros(levels.shape[1], dtype=np.int64)
+    while (tree.questions[node] >= 0).any():
+        attribute = asked.attributes[tree.questions[node]]
+        side = tree.sides[node, levels[attribute, np.arange(len(node))]].astype(np.int64)
+        counts = tree.counts[tree.children[node]]
+        side = np.where(side == UNSEEN, counts[:, 1] > counts[:, 0], side)
+        after = tree.children[node, np.minimum(side, 1)]
+        node = np.where(tree.questions[node] >= 0, after, node)
+    return tree.means[node]

@@ -5,14 +5,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.control.cart.contexts import GROUPS, KIND_OF_GROUP, ByteArray
-from mocap_fit.control.cart.gains import compiled
-from mocap_fit.control.cart.growing import LEFT, RIGHT, UNSEEN, Grown, IntArray
+from mocap_fit.control.cart.growing import Grown, IntArray
+from mocap_fit.control.cart.kernel import LEFT, RIGHT, UNSEEN, compiled
 from mocap_fit.control.cart.questions import Question
 from mocap_fit.tracks import FloatArray
 
@@ -116,77 +116,95 @@ class Tree:
         return passed
 
 
+class Made(NamedTuple):
+    """A grown tree, and what its nodes' numbers mean.
+
+    Parameters
+    ----------
+    grown
+        The tree, pruned.
+    numbers
+        `(questions,)`: which of the model's questions each of the tree's is.
+    edges
+        Of each attribute that is a number, the bounds between its bins.
+    """
+
+    grown: Grown
+    numbers: IntArray
+    edges: Mapping[int, FloatArray]
+
+
 def finished(
-    grown: Grown,
+    made: Sequence[Made],
     questions: Sequence[Question],
-    numbers: Sequence[int],
-    members: ByteArray,
     attributes: Sequence[int],
-    edges: Mapping[int, FloatArray],
+    members: ByteArray,
     groups: IntArray,
-) -> Tree:
-    """A grown tree as it is kept: bounds as numbers, and a side for every phone.
+) -> list[Tree]:
+    """Grown trees as they are kept: bounds as numbers, and a side for every phone.
 
     A phone that no example of a node had goes with its group: to the side where most phones of the
     group went, then most of its kind (vowels, consonants), then most examples.
 
     Parameters
     ----------
-    grown
-        The tree, pruned.
+    made
+        The trees.
     questions
         All questions of the model.
-    numbers
-        Which of them the tree was grown with, in the order that `grown` counts them.
-    members
-        `(questions, levels)` of those it was grown with, as in `Asked`.
     attributes
-        Of each of those, which attribute it is about.
-    edges
-        Of each attribute that is a number, the bounds between its bins.
+        Of each, which attribute it is about.
+    members
+        `(questions, levels)`: who answers yes to those that are not open.
     groups
         `(levels,)`: the group of each level of the alphabet, from 1 in the order of `GROUPS`; 0
         for no phone.
     """
-    nodes, levels = len(grown.questions), len(groups)
-    bounds = np.zeros(nodes)
-    sides = np.zeros((nodes, levels), dtype=np.uint8)
-    unknown = np.zeros(nodes, dtype=np.uint8)
-    seen = np.zeros((nodes, levels), dtype=np.bool_)
-    is_inner = grown.questions >= 0
-    asked = np.where(is_inner, np.array(numbers)[grown.questions], -1)
-    is_open = np.array([questions[number].is_open for number in numbers])
-    is_phone = np.array([questions[number].attribute.is_phone for number in numbers])
-    larger = np.where(
-        is_inner & (grown.counts[grown.children[:, 1]] > grown.counts[grown.children[:, 0]]),
-        RIGHT,
-        LEFT,
-    ).astype(np.uint8)
-    about_phones = np.flatnonzero(is_inner & is_phone[grown.questions])
-    found = grown.sides[about_phones, :levels]
+    if not made:
+        return []
+    # All nodes of all trees at once: trees are small, and many.
+    lengths = [len(each.grown.questions) for each in made]
+    starts = np.concatenate([[0], np.cumsum(lengths)])
+    trees = [each.grown for each in made]
+    asked = np.concatenate(
+        [
+            np.where(t.questions >= 0, e.numbers[t.questions], -1)
+            for t, e in zip(trees, made, strict=True)
+        ]
+    )
+    children = np.concatenate([tree.children for tree in trees])
+    counts = np.concatenate([tree.counts for tree in trees])
+    first = np.repeat(starts[:-1], lengths)
+    after = counts[np.maximum(children, 0) + first[:, None]]
+    is_inner = asked >= 0
+    larger = np.where(is_inner & (after[:, 1] > after[:, 0]), RIGHT, LEFT).astype(np.uint8)
+    is_open = np.array([question.is_open for question in questions])
+    is_phone = np.array([question.attribute.is_phone for question in questions])
+
+    levels = len(groups)
+    sides = np.zeros((len(asked), levels), dtype=np.uint8)
+    seen = np.zeros((len(asked), levels), dtype=np.bool_)
+    about_phones = np.flatnonzero(is_inner & is_phone[asked])
+    found = np.concatenate([tree.sides[:, :levels] for tree in trees])[about_phones]
     seen[about_phones] = found != UNSEEN
-    fixed = members[grown.questions[about_phones], :levels] == 0
     sides[about_phones] = np.where(
-        is_open[grown.questions[about_phones], None],
+        is_open[asked[about_phones], None],
         _backed_off(found, groups, larger[about_phones]),
-        fixed,
+        members[asked[about_phones], :levels] == 0,
     )
-    for node in np.flatnonzero(is_inner & ~is_phone[grown.questions]).tolist():
-        own = edges[attributes[grown.questions[node]]]
-        bounds[node], unknown[node] = _bound(grown.sides[node], own, int(larger[node]))
-    return Tree(
-        asked,
-        bounds,
-        sides,
-        unknown,
-        grown.children,
-        seen,
-        grown.counts,
-        grown.means,
-        grown.errors,
-        grown.validated,
-        grown.gains,
-    )
+    bounds, unknown = np.zeros(len(asked)), np.zeros(len(asked), dtype=np.uint8)
+    owner = np.repeat(np.arange(len(made)), lengths)
+    for node in np.flatnonzero(is_inner & ~is_phone[asked]).tolist():
+        tree = made[owner[node]]
+        own = tree.edges[attributes[asked[node]]]
+        row = tree.grown.sides[node - first[node]]
+        bounds[node], unknown[node] = _bound(row, own, int(larger[node]))
+    placed = (asked, bounds, sides, unknown, children, seen, counts)
+    told = [np.concatenate([getattr(tree, name) for tree in trees]) for name in _TOLD[1:]]
+    return [
+        Tree(*(array[start:end] for array in (*placed, *told)))
+        for start, end in itertools.pairwise(starts.tolist())
+    ]
 
 
 def _bound(found: ByteArray, edges: FloatArray, larger: int) -> tuple[float, int]:

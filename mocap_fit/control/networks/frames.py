@@ -33,6 +33,8 @@ class FrameNetworks:
         Parameters of the corpus.
     behind, ahead
         Frames of context.
+    members
+        How many networks predict each parameter; what they say is averaged.
     """
 
     def __init__(
@@ -42,6 +44,7 @@ class FrameNetworks:
         parameters: int,
         behind: int,
         ahead: int,
+        members: int = 1,
     ) -> None:
         self.behind, self.ahead, self.parameters = behind, ahead, parameters
         self.delays = weights[0].delays
@@ -56,8 +59,8 @@ class FrameNetworks:
         self.outputs = np.zeros((len(self.bias), parameters))
         self.output_bias = np.zeros(parameters)
         for network, own, part in zip(networks, weights, self.parts, strict=True):
-            self.outputs[part, list(network.columns)] = own.outputs[0]
-            self.output_bias[list(network.columns)] = own.output_bias[0, 0]
+            self.outputs[part, list(network.columns)] = own.outputs[0] / members
+            self.output_bias[list(network.columns)] += own.output_bias[0, 0] / members
         context = behind + 1 + ahead
         side_by_side = np.concatenate([own.inputs[0] for own in weights], axis=1)
         # `(inputs, context · hidden)`: what an input does at every place of the context.

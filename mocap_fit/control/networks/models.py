@@ -64,6 +64,9 @@ class SymmetricNetworks(ControlModel):
     hidden_units
         Of the networks, in the order of the groups, or one number for all. Where not given, those
         of Table 1: 50, or 30 for a network with fewer than three parameters.
+    members
+        How many networks are trained for each group, each from weights of its own; what they say is
+        averaged.
     frames_behind, frames_ahead
         Context before and after a frame, in frames of 1/60 s.
     delays
@@ -94,6 +97,7 @@ class SymmetricNetworks(ControlModel):
 
     groups: Mapping[str, Sequence[str]] | None = None
     hidden_units: int | tuple[int, ...] | None = None
+    members: int = 1
     frames_behind: int = 15
     frames_ahead: int = 15
     delays: int = 5
@@ -119,7 +123,7 @@ class SymmetricNetworks(ControlModel):
         ConfigurationError
             If the groups do not hold every parameter once, or do not go with the hidden units.
         """
-        names = self.parameter_names_ if self.is_fitted else ARTICULATORY_PARAMETERS
+        names = getattr(self, "parameter_names_", ARTICULATORY_PARAMETERS)
         groups = self.groups
         if groups is None:
             ten = set(names) == set(ARTICULATORY_PARAMETERS)
@@ -145,9 +149,19 @@ class SymmetricNetworks(ControlModel):
                 expected=f"{len(groups)} numbers, 1 at least",
             )
         return tuple(
-            Network(name, tuple(names.index(parameter) for parameter in group), size)
+            Network(
+                name if member == 1 else f"{name} {member}",
+                tuple(names.index(parameter) for parameter in group),
+                size,
+            )
+            for member in range(1, self.members + 1)
             for (name, group), size in zip(groups.items(), hidden, strict=True)
         )
+
+    @property
+    def is_fitted(self) -> bool:
+        """Whether it has learned; a training that was broken off leaves a model that has not."""
+        return hasattr(self, "running_")
 
     @property
     def _inputs(self) -> int:
@@ -196,6 +210,7 @@ class SymmetricNetworks(ControlModel):
         """
         check_settings(
             self,
+            members=1,
             frames_behind=0,
             frames_ahead=0,
             delays=1,
@@ -207,7 +222,16 @@ class SymmetricNetworks(ControlModel):
             forgiven_offset=0,
             seed=0,
         )
-        for setting in ("frames_behind", "frames_ahead", "delays", "epochs", "batch_size", "seed"):
+        whole = (
+            "members",
+            "frames_behind",
+            "frames_ahead",
+            "delays",
+            "epochs",
+            "batch_size",
+            "seed",
+        )
+        for setting in whole:
             if not isinstance(getattr(self, setting), int):
                 raise ConfigurationError(
                     f"the setting '{setting}' of the model '{self.name}' is not possible",
@@ -253,6 +277,7 @@ class SymmetricNetworks(ControlModel):
             len(self.parameter_names_),
             self.frames_behind,
             self.frames_ahead,
+            self.members,
         )
 
     def _predict(self, phones: PhoneSequence, times: FloatArray) -> FloatArray:
@@ -321,3 +346,17 @@ class LowLatencyNetworks(SymmetricNetworks):
 
     name: ClassVar[str] = "ann-low-latency"
     title: ClassVar[str] = "ANN 2"
+
+
+@dataclass(eq=False)
+class NetworkEnsemble(SymmetricNetworks):
+    """Four times the networks of ANN 1, each from weights of its own, whose outputs are averaged.
+
+    It is none of the paper's models. What the networks have by chance differs between them and
+    mostly cancels; what the corpus has taught them remains.
+    """
+
+    members: int = 4
+
+    name: ClassVar[str] = "ann-ensemble"
+    title: ClassVar[str] = "ANN ensemble"

@@ -1,0 +1,64 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from corpus_tools import simulate
+from mocap_fit.corpus import Corpus, Utterance
+from mocap_fit.errors import DataError
+from mocap_fit.evaluation.landmarks import FITTED, landmark_scores
+from mocap_fit.face import load_face
+from mocap_fit.fitting import load_layout
+from mocap_fit.phones import PhoneSegment, PhoneSequence
+
+CONDITIONS = simulate.Conditions(noise=0.1, drop_outs=0.02, duration=2.0)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Recorded(Utterance):
+    """An utterance in memory that has its markers, too."""
+
+    @property
+    def markers(self):
+        return self._given["markers"]
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    """True parameters with the markers that they make, the head moving in a laboratory's axes."""
+    session = simulate.Session(load_layout("face30-head5"), load_face(), CONDITIONS)
+    phones = PhoneSequence((PhoneSegment(0.0, 2.0, "AA"),), phone_set="en-arpabet")
+    utterances = []
+    for i in range(3):
+        made = session.record(np.random.default_rng(i), f"u{i}")
+        given = {"tracks": made.parameters, "phones": phones, "markers": made.recording}
+        utterances.append(Recorded(id=f"u{i}", duration=2.0, _given=given))
+    return Corpus.of(utterances, "en-arpabet", layout="face30-head5", face="built-in")
+
+
+def test_true_parameters_agree_with_the_markers(recorded):
+    result = landmark_scores(recorded, {}, resamples=200)
+    assert result.models == (FITTED,)
+    assert (result.correlation > 0.98).all()
+    assert result.low[0] <= result.mean[0] <= result.high[0]
+    assert 0 < result.frames <= 3 * 120
+
+
+def test_another_utterance_disagrees(recorded):
+    swapped = [
+        dataclasses.replace(
+            u, _given={**u._given, "tracks": recorded.utterances[(i + 1) % 3].tracks}
+        )
+        for i, u in enumerate(recorded)
+    ]
+    corpus = dataclasses.replace(recorded, utterances=tuple(swapped))
+    assert landmark_scores(corpus, {}, resamples=200).mean[0] < 0.5
+
+
+def test_what_cannot_be_compared_is_refused(recorded):
+    with pytest.raises(DataError, match="not those of the face"):
+        landmark_scores(dataclasses.replace(recorded, parameter_names=("x",)), {})
+    layout = load_layout("face30-head5")
+    bare = [m for m in layout.markers if m.feature_point not in ("8.3", "8.4", "2.4", "2.5")]
+    with pytest.raises(DataError, match=r"shows the mouth.*8\.3, 8\.4 or 2\.4, 2\.5"):
+        landmark_scores(recorded, {}, layout=layout.model_copy(update={"markers": tuple(bare)}))
