@@ -2,27 +2,34 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import tempfile
-import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from corpus_tools import console
+from corpus_tools import console, long_recording
+from corpus_tools.long_recording import STEP, timed
 from corpus_tools.speaker import Options, Speaker
 from mocap_fit.errors import MocapFitError, MocapFitWarning
 from mocap_fit.io import read_tracks
-from mocap_fit.tracks import ParameterTracks, read_parquet, write_parquet
+from mocap_fit.tracks import ParameterTracks, read_provenance, write_parquet
 
-# The last step in the provenance of a result: what it was made from, and what came of it.
-_STEP = "fit_recording"
+# What a result's last step says that the report says too.
+_REPORTED = (
+    "frames",
+    "fitted",
+    "residual_mm",
+    "head_residual_mm",
+    "uncertain_frames",
+    "unfinished_frames",
+    "evaluations_per_frame",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,17 +92,22 @@ def fit_here(task: Task, pair: tuple[Path, Path], told: Callable[[int, int], obj
     file, target = pair
 
     def work(seconds: dict[str, float]) -> Outcome:
-        with _timed(seconds, "reading"):
+        with timed(seconds, "reading"):
             with open(file, "rb") as stream:
                 content = hashlib.file_digest(stream, "sha256").hexdigest()
             made_from = inputs(task, file.name, content)
             figures = None if task.fresh else kept(target, made_from)
         if figures is not None:
             return Outcome(figures)
+        if long_recording.is_one(task.speaker, task.options, file):
+            arguments = long_recording.fit(
+                task.speaker, task.options, file, target, made_from, told, seconds
+            )
+            return Outcome(_figures(arguments))
         tracks = _fitted(task, file, made_from, told, seconds)
-        with _timed(seconds, "writing"):
+        with timed(seconds, "writing"):
             write_parquet(tracks, target)
-        return Outcome(_figures(tracks))
+        return Outcome(_figures_of(tracks))
 
     return watched(work, file)
 
@@ -122,7 +134,7 @@ def fit_sent(
 
         def work(seconds: dict[str, float]) -> Outcome:
             tracks = _fitted(task, copy, made_from, told, seconds)
-            return Outcome(_figures(tracks), tracks=tracks)
+            return Outcome(_figures_of(tracks), tracks=tracks)
 
         outcome = watched(work, copy)
 
@@ -144,7 +156,7 @@ def written(outcome: Outcome, file: Path, target: Path) -> Outcome:
         return replace(outcome, figures=figures)
 
     def work(seconds: dict[str, float]) -> Outcome:
-        with _timed(seconds, "writing"):
+        with timed(seconds, "writing"):
             write_parquet(tracks, target)
         return replace(outcome, tracks=None)
 
@@ -179,13 +191,6 @@ def watched(work: Callable[[dict[str, float]], Outcome], file: Path) -> Outcome:
     return replace(outcome, warnings=tuple(dict.fromkeys(lines)), seconds=seconds, traceback=trace)
 
 
-@contextlib.contextmanager
-def _timed(seconds: dict[str, float], part: str) -> Iterator[None]:
-    began = time.perf_counter()
-    yield
-    seconds[part] = seconds.get(part, 0.0) + time.perf_counter() - began
-
-
 def inputs(task: Task, name: str, content: str) -> str:
     """A sum over all that a result depends on; the file's name is in the result too."""
     return hashlib.sha256("\0".join((task.fingerprint, name, content)).encode()).hexdigest()
@@ -198,23 +203,27 @@ def _fitted(
     told: Callable[[int, int], object],
     seconds: dict[str, float],
 ) -> ParameterTracks:
-    with _timed(seconds, "reading"):
+    with timed(seconds, "reading"):
         recording = read_tracks(file)
-    with _timed(seconds, "head_motion"):
+    with timed(seconds, "head_motion"):
         still, motion = task.speaker.remove_head_motion(recording)
     # A long recording is not kept in both coordinates.
     del recording
-    with _timed(seconds, "fitting"):
+    with timed(seconds, "fitting"):
         result = task.speaker.fit_still(
             still, task.options, lambda frames: told(frames, still.frames)
         )
-    came_of_it = {
-        "inputs": made_from,
-        "head_residual_mm": float(np.nanmedian(motion.residuals)),
-        "unfinished_frames": int((result.status == 5).sum()),
-        "evaluations_per_frame": float(result.evaluations[result.fitted].mean()),
-    }
-    return result.parameters.with_step(_STEP, came_of_it)
+    tracks, fitted = result.parameters, result.fitted
+    came_of_it = long_recording.summary(
+        made_from,
+        residuals=tracks.residuals,
+        uncertain_frames=int(tracks.uncertain.any(axis=1).sum()),
+        unfinished_frames=int((result.status == 5).sum()),
+        evaluations=int(result.evaluations[fitted].sum()),
+        fitted=int(fitted.sum()),
+        head_residual=float(np.nanmedian(motion.residuals)),
+    )
+    return tracks.with_step(STEP, came_of_it)
 
 
 def kept(target: Path, made_from: str) -> dict[str, Any] | None:
@@ -222,28 +231,21 @@ def kept(target: Path, made_from: str) -> dict[str, Any] | None:
     if not target.exists():
         return None
     try:
-        tracks = read_parquet(target)
+        provenance = read_provenance(target)
     except (MocapFitError, OSError):
         return None
-    if not isinstance(tracks, ParameterTracks) or not tracks.provenance:
+    if not provenance or provenance[-1].name != STEP:
         return None
-    step = tracks.provenance[-1]
-    if step.name != _STEP or step.arguments.get("inputs") != made_from:
+    said = provenance[-1].arguments
+    if said.get("inputs") != made_from or not said.keys() >= set(_REPORTED):
         return None
-    return _figures(tracks) | {"kept": True}
+    return _figures(said) | {"kept": True}
 
 
-def _figures(tracks: ParameterTracks) -> dict[str, Any]:
-    """What is reported of a result."""
-    fitted = np.isfinite(tracks.residuals)
-    came_of_it = tracks.provenance[-1].arguments
-    return {
-        "frames": tracks.frames,
-        "fitted": int(fitted.sum()),
-        "residual_mm": float(np.nanmedian(tracks.residuals[fitted])),
-        "head_residual_mm": came_of_it["head_residual_mm"],
-        "uncertain_frames": int(tracks.uncertain.any(axis=1).sum()),
-        "unfinished_frames": came_of_it["unfinished_frames"],
-        "evaluations_per_frame": came_of_it["evaluations_per_frame"],
-        "kept": False,
-    }
+def _figures_of(tracks: ParameterTracks) -> dict[str, Any]:
+    return _figures(tracks.provenance[-1].arguments)
+
+
+def _figures(said: Mapping[str, Any]) -> dict[str, Any]:
+    """What is reported of a result, from its last step."""
+    return {name: said[name] for name in _REPORTED} | {"kept": False}

@@ -107,19 +107,28 @@ class Speaker:
 
     def remove_head_motion(self, recording: MarkerTracks) -> tuple[MarkerTracks, HeadMotion]:
         """Give a recording in the coordinates of the reference pose, and what was removed."""
-        weights = {m.name: m.weight for m in self.layout.head_markers}
+        weights = self.head_weights
         if self.layout.size_varies:
             recording, _ = match_size(recording, self.reference, tuple(weights))
         still, motion = remove_head_motion(
             recording, self.reference, names=tuple(weights) or None, weights=weights or None
         )
+        return self.tied(still), motion
+
+    @property
+    def head_weights(self) -> dict[str, float]:
+        """The layout's head markers and their weights."""
+        return {m.name: m.weight for m in self.layout.head_markers}
+
+    def tied(self, still: MarkerTracks) -> MarkerTracks:
+        """The tracks, whose provenance says what they are tied to."""
         tied = {
             "layout": self.layout.name,
             "face": self.face_name,
             "reference": self.reference.name,
             "scale": self.binding.orientation.scale,
         }
-        return still.with_step("bind_markers", tied), motion
+        return still.with_step("bind_markers", tied)
 
     def fit_still(
         self,

@@ -49,6 +49,7 @@ ROOMS = {
         "simulate",
         "spread",
         "speaker",
+        "long_recording",
         "one_recording",
         "convert",
         "fit",

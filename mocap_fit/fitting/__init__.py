@@ -5,6 +5,7 @@ from mocap_fit.fitting.layout import Layout, LayoutMarker, load_layout, shipped_
 from mocap_fit.fitting.orientation import Orientation, fit_orientation
 from mocap_fit.fitting.over_time import fit_over_time
 from mocap_fit.fitting.shape import ShapeFit, fit_shape
+from mocap_fit.fitting.stretches import StretchFit, StretchFitter
 
 __all__ = [
     "Binding",
@@ -12,6 +13,8 @@ __all__ = [
     "LayoutMarker",
     "Orientation",
     "ShapeFit",
+    "StretchFit",
+    "StretchFitter",
     "bind_markers",
     "fit_orientation",
     "fit_over_time",

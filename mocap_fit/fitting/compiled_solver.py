@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 
 from mocap_fit.fitting import native
 from mocap_fit.fitting.binding import Binding
-from mocap_fit.fitting.kernel import make_room
 from mocap_fit.fitting.newton import newton_room, solve_frames
-from mocap_fit.fitting.objective import OBJECTIVES, Objective
+from mocap_fit.fitting.objective import OBJECTIVES, Objective, reference_jacobian
 from mocap_fit.fitting.precision import undetermined
 from mocap_fit.fitting.slots import pack, pack_frames
 from mocap_fit.fitting.solving import (
@@ -24,9 +23,10 @@ from mocap_fit.fitting.solving import (
 )
 from mocap_fit.tracks import FloatArray
 
-# Newton's method ends a frame when a round lowers its cost by less than this part of it. With
-# nlopt to follow it need only predict.
-_NEWTON_TOLERANCE, _PREDICTION_TOLERANCE = 1e-8, 1e-6
+# Newton's method ends a frame when what is left to gain is less than this part of its cost.
+_NEWTON_TOLERANCE = 1e-9
+# nlopt's first step goes as far as a unit of its variables; near the answer that is too far.
+_CERTIFYING_SCALE = 0.5
 # What nlopt must still gain on Newton's answer to go on.
 _CERTIFIED = 1e-8
 
@@ -59,22 +59,22 @@ class CompiledSolver:
         self._code = OBJECTIVES.index(objective)
         self._threshold = threshold
         self._slots = pack(binding)
-        self._room = make_room(self._slots)
+        self._room = np.zeros(self._slots.room)
         self._work = newton_room(self._slots)
         self._bounds = np.ascontiguousarray(binding.rig.bounds)
         self._predict = solver in (NEWTON, NEWTON_NLOPT)
-        self._tolerance = _NEWTON_TOLERANCE if solver == NEWTON else _PREDICTION_TOLERANCE
-        _, self._jacobian = binding.evaluate(binding.reference_parameters)
+        self._tolerance = _NEWTON_TOLERANCE
+        self._jacobian = reference_jacobian(binding)
         self._nlopt: native.NativeSolver | None = None
         if solver != NEWTON:
             certify = solver == NEWTON_NLOPT
+            scale = variable_scale(self._jacobian, binding.weights)
             self._nlopt = native.NativeSolver(
                 self._slots,
-                self._room,
                 objective=self._code,
                 threshold=threshold,
                 algorithm=getattr(nlopt, CERTIFYING if certify else solver),
-                scale=variable_scale(self._jacobian, binding.weights),
+                scale=scale * (_CERTIFYING_SCALE if certify else 1.0),
                 bounds=self._bounds,
                 tolerances=(VALUE_TOLERANCE, _CERTIFIED if certify else COST_TOLERANCE),
                 maximum_evaluations=maximum_evaluations,
@@ -91,9 +91,13 @@ class CompiledSolver:
         values = np.empty((len(frames), self._slots.parameters))
         costs, evaluations = np.empty(len(frames)), np.zeros(len(frames), dtype=np.int64)
         status = np.full(len(frames), 3, dtype=np.int64)
+        before = self._last.copy()
         if self._predict:
             solve_frames(
-                self._slots,
+                self._slots.plan,
+                self._slots.numbers,
+                self._room,
+                self._work,
                 frames,
                 self._last,
                 self._code,
@@ -101,22 +105,15 @@ class CompiledSolver:
                 self._bounds,
                 fixed,
                 self._tolerance,
-                self._room,
-                self._work,
                 values,
                 costs,
                 evaluations,
             )
-        if self._nlopt is not None:
-            held = np.asarray(fixed.any(axis=1))
-            for i, frame in enumerate(frames):
-                start = values[i] if self._predict else self._last
-                status[i] = self._nlopt.solve(frame, start, fixed[i] if held[i] else None)
-                values[i] = self._nlopt.best
-                costs[i] = self._nlopt.best_cost
-                evaluations[i] += self._nlopt.evaluations
-                if not self._predict:
-                    self._last = values[i].copy()
+        if self._nlopt is not None and len(frames):
+            starts = values if self._predict else None
+            values, costs, more, status = self._nlopt.solve(frames, starts, before, fixed)
+            evaluations += more
+            self._last = values[-1].copy()
         # Scaled to and fro, a value at its bound may come out a rounding beyond it.
         solved.values[usable] = np.clip(values, self._bounds[:, 0], self._bounds[:, 1])
         solved.costs[usable] = costs

@@ -16,9 +16,10 @@ import nlopt
 import numba
 import numpy as np
 from numba import extending
+from numpy.typing import NDArray
 
-from mocap_fit.fitting.kernel import Room, compiled, cost
-from mocap_fit.fitting.slots import Slots
+from mocap_fit.fitting.kernel import evaluate, inner
+from mocap_fit.fitting.slots import LANES, SLOT, Slots
 from mocap_fit.tracks import FloatArray
 
 # Numba has no types for a checker to read.
@@ -75,39 +76,16 @@ def _is_null(context: Any, pointer: Any) -> Any:
     return _types.boolean(pointer), generate
 
 
-@compiled
+# Rows of the table: addresses and lengths of what `cost` takes, in its order, then these.
+_PLAN, _NUMBERS, _ROOM, _FRAME, _ROWS, _SHARES = range(6)
+_SETTINGS, _SCALE, _STATE, _BEST, _VALUES, _SLOPES, _COUNT = range(6, 13)
+
+
+@inner
 def _vector(table, row):  # type: ignore[no-untyped-def]
     return _numba.carray(_pointer(table[row, 0]), table[row, 1], np.float64)
 
 
-@compiled
-def _matrix(table, row):  # type: ignore[no-untyped-def]
-    return _numba.carray(_pointer(table[row, 0]), (table[row, 1], table[row, 2]), np.float64)
-
-
-@compiled
-def _indices(table, row):  # type: ignore[no-untyped-def]
-    return _numba.carray(_pointer(table[row, 0]), table[row, 1], np.int64)
-
-
-@compiled
-def _index_pairs(table, row):  # type: ignore[no-untyped-def]
-    return _numba.carray(_pointer(table[row, 0]), (table[row, 1], 2), np.int64)
-
-
-# Rows of the table: ten arrays and three counts of `Slots`, seven arrays of `Room`, then these.
-_COUNTS, _ROOM, _FRAME, _SETTINGS, _SCALE, _STATE, _BEST, _VALUES, _SLOPES = (
-    10,
-    11,
-    18,
-    19,
-    20,
-    21,
-    22,
-    23,
-    24,
-)
-_ROWS = 25
 _CALLBACK = _types.float64(
     _types.uint32, _types.CPointer(_types.float64), _types.CPointer(_types.float64), _types.voidptr
 )
@@ -116,38 +94,29 @@ _CALLBACK = _types.float64(
 @_numba.cfunc(_CALLBACK, cache=True, error_model="numpy")
 def _objective(count, point, slope, data):  # type: ignore[no-untyped-def]
     """The cost of the frame that the table points to, for nlopt."""
-    table = _numba.carray(data, (_ROWS, 3), np.int64)
-    slots = Slots(
-        _vector(table, 0),
-        _indices(table, 1),
-        _index_pairs(table, 2),
-        _indices(table, 3),
-        _matrix(table, 4),
-        _indices(table, 5),
-        _matrix(table, 6),
-        _matrix(table, 7),
-        _matrix(table, 8),
-        _vector(table, 9),
-        table[_COUNTS, 0],
-        table[_COUNTS, 1],
-        table[_COUNTS, 2],
-    )
-    room = Room(
-        _vector(table, _ROOM),
-        _matrix(table, _ROOM + 1),
-        _matrix(table, _ROOM + 2),
-        _vector(table, _ROOM + 3),
-        _vector(table, _ROOM + 4),
-        _matrix(table, _ROOM + 5),
-        _matrix(table, _ROOM + 6),
-    )
-    settings, state = _vector(table, _SETTINGS), _vector(table, _STATE)
-    scale, best = _vector(table, _SCALE), _vector(table, _BEST)
-    values, slopes = _vector(table, _VALUES), _vector(table, _SLOPES)
+    table = _numba.carray(data, (_COUNT, 2), np.int64)
+    plan = _numba.carray(_pointer(table[_PLAN, 0]), table[_PLAN, 1], np.uint32)
+    numbers, room = _vector(table, np.int64(_NUMBERS)), _vector(table, np.int64(_ROOM))
+    frame, rows = _vector(table, np.int64(_FRAME)), _vector(table, np.int64(_ROWS))
+    shares = _vector(table, np.int64(_SHARES)).reshape((1, np.int64(count), rows.shape[0]))
+    settings, state = _vector(table, np.int64(_SETTINGS)), _vector(table, np.int64(_STATE))
+    scale, best = _vector(table, np.int64(_SCALE)), _vector(table, np.int64(_BEST))
+    values, slopes = _vector(table, np.int64(_VALUES)), _vector(table, np.int64(_SLOPES))
     x = _numba.carray(point, (count,), np.float64)
     for i in range(count):
         values[i] = x[i] * scale[i]
-    value = cost(slots, values, _vector(table, _FRAME), int(settings[0]), settings[1], room, slopes)
+    value = evaluate(
+        plan,
+        numbers,
+        room,
+        values.reshape((1, values.shape[0])),
+        frame,
+        int(settings[0]),
+        settings[1],
+        rows.reshape((1, rows.shape[0])),
+        shares,
+        slopes,
+    )
     state[1] += 1.0
     finite = math.isfinite(value)
     for i in range(count):
@@ -171,8 +140,8 @@ class NativeSolver:
 
     Parameters
     ----------
-    slots, room
-        The packed binding, and room of its own.
+    slots
+        The packed binding.
     objective, threshold
         As in `kernel.residuals`.
     algorithm
@@ -190,7 +159,6 @@ class NativeSolver:
     def __init__(
         self,
         slots: Slots,
-        room: Room,
         *,
         objective: int,
         threshold: float,
@@ -203,36 +171,34 @@ class NativeSolver:
         count = slots.parameters
         self._library = library()
         self._scale, self._bounds = scale, bounds
-        self._state = np.zeros(2)
-        self.best = np.zeros(count)
-        self._x, self._value = np.zeros(count), np.zeros(1)
-        self._frame = np.zeros(slots.blocks * 128)
-        settings = np.array([float(objective), threshold])
-        rows = [
-            *slots[:10],
-            np.array([], dtype=np.int64),
-            *room,
-            self._frame,
-            settings,
+        self._value = np.zeros(1)
+        rows: list[NDArray[Any]] = [
+            slots.plan,
+            slots.numbers,
+            np.zeros(slots.room),
+            np.zeros(slots.blocks * 4 * LANES),
+            np.zeros(slots.blocks * SLOT),
+            np.zeros(count * slots.blocks * SLOT),
+            np.array([float(objective), threshold]),
             scale,
-            self._state,
-            self.best,
+            np.zeros(2),
+            np.zeros(count),
             np.zeros(count),
             np.zeros(count),
         ]
-        self._table = np.zeros((_ROWS, 3), dtype=np.int64)
+        self._table = np.zeros((_COUNT, 2), dtype=np.int64)
         for row, array in enumerate(rows):
             if not array.flags.c_contiguous:
                 raise ValueError("the kernel reads contiguous arrays")
-            shape = (*array.shape, 0, 0)
-            self._table[row] = array.ctypes.data, shape[0], shape[1]
-        self._table[_COUNTS] = slots.slots, slots.blocks, slots.parameters
+            self._table[row] = array.ctypes.data, len(array)
         # The table holds addresses alone: what they point to must live as long.
         self._kept = rows
         c = self._library
         # LN_PRAXIS draws directions: the same ones, whatever was solved before.
         nlopt.srand(1)
         self._optimiser = c.nlopt_create(algorithm, count)
+        if not self._optimiser:
+            raise MemoryError("nlopt has no room for another solver")
         c.nlopt_set_min_objective(self._optimiser, _objective.address, self._table.ctypes.data)
         self._absolute = np.full(count, tolerances[0]) / scale
         c.nlopt_set_xtol_abs(self._optimiser, self._absolute.ctypes.data)
@@ -247,51 +213,74 @@ class NativeSolver:
         self._library.nlopt_set_lower_bounds(self._optimiser, lower.ctypes.data)
         self._library.nlopt_set_upper_bounds(self._optimiser, upper.ctypes.data)
 
-    @property
-    def best_cost(self) -> float:
-        """The least cost that was met."""
-        return float(self._state[0])
-
-    @property
-    def evaluations(self) -> int:
-        """How often the cost was evaluated."""
-        return int(self._state[1])
-
-    def solve(self, frame: FloatArray, start: FloatArray, fixed: FloatArray | None) -> int:
-        """Minimise the cost of a frame; the answer is `best`.
+    def solve(
+        self,
+        frames: FloatArray,
+        starts: FloatArray | None,
+        last: FloatArray,
+        fixed: NDArray[np.bool_],
+    ) -> tuple[FloatArray, FloatArray, NDArray[np.int64], NDArray[np.int64]]:
+        """Minimise the cost of frame after frame.
 
         Parameters
         ----------
-        frame
-            From `pack_frames`.
-        start
-            `(parameters,)`, within the bounds.
+        frames
+            `(frames, blocks · 128)`, from `pack_frames`.
+        starts
+            `(frames, parameters)`, within the bounds; None to start each frame from the answer to
+            the one before.
+        last
+            `(parameters,)`: the answer before the first.
         fixed
-            `(parameters,)`: which keep their value; None for none.
+            `(frames, parameters)`: which parameters keep their value from the frame before.
 
         Returns
         -------
-        int
-            nlopt's result.
+        values
+            `(frames, parameters)`: the best points that were met.
+        costs
+            `(frames,)`: the costs there.
+        evaluations
+            `(frames,)`: how often the cost was evaluated.
+        results
+            `(frames,)`: nlopt's.
         """
-        self._frame[:] = frame
-        self._state[0], self._state[1] = np.inf, 0.0
-        self.best[:] = start
-        np.divide(start, self._scale, out=self._x)
-        np.clip(self._x, self._lower, self._upper, out=self._x)
-        if fixed is not None:
-            self._set_bounds(
-                np.where(fixed, self._x, self._lower), np.where(fixed, self._x, self._upper)
-            )
-            self._held = True
-        elif self._held:
-            self._set_bounds(self._lower, self._upper)
-            self._held = False
-        return int(
-            self._library.nlopt_optimize(
-                self._optimiser, self._x.ctypes.data, self._value.ctypes.data
-            )
-        )
+        count = len(frames)
+        frames = np.ascontiguousarray(frames)
+        values = np.tile(last, (count, 1)) if starts is None else starts.copy()
+        states = np.tile([np.inf, 0.0], (count, 1))
+        points = np.clip(values / self._scale, self._lower, self._upper)
+        results = np.zeros(count, dtype=np.int64)
+        held: NDArray[np.bool_] = np.asarray(fixed.any(axis=1))
+        # The solver reads and writes in these arrays, frame by frame: nothing is copied.
+        table, optimise, optimiser = self._table, self._library.nlopt_optimize, self._optimiser
+        value, point, step = self._value.ctypes.data, points.ctypes.data, points.strides[0]
+        places: list[tuple[int, NDArray[Any]]] = [
+            (_FRAME, frames),
+            (_STATE, states),
+            (_BEST, values),
+        ]
+        for row, array in places:
+            table[row, 0] = array.ctypes.data
+        for i in range(count):
+            before = last if i == 0 else values[i - 1]
+            if starts is None:
+                values[i] = before
+                points[i] = np.clip(before / self._scale, self._lower, self._upper)
+            elif held[i]:
+                values[i, fixed[i]] = before[fixed[i]]
+                points[i] = np.clip(values[i] / self._scale, self._lower, self._upper)
+            if held[i]:
+                self._set_bounds(
+                    np.where(fixed[i], points[i], self._lower),
+                    np.where(fixed[i], points[i], self._upper),
+                )
+            results[i] = optimise(optimiser, point + i * step, value)
+            if held[i]:
+                self._set_bounds(self._lower, self._upper)
+            for row, array in places:
+                table[row, 0] += array.strides[0]
+        return values, states[:, 0], states[:, 1].astype(np.int64), results
 
     def __del__(self) -> None:
         optimiser = getattr(self, "_optimiser", None)

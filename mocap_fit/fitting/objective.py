@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import weakref
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.fitting.binding import Binding
-from mocap_fit.fitting.slots import pack, pack_frames
+from mocap_fit.fitting.slots import SLOT, pack, pack_frames
 from mocap_fit.tracks import FloatArray
 
 Objective = Literal["distances", "squares", "huber"]
 OBJECTIVES: tuple[Objective, ...] = ("distances", "squares", "huber")
+
+
+_jacobians: weakref.WeakKeyDictionary[Binding, FloatArray] = weakref.WeakKeyDictionary()
+
+
+def reference_jacobian(binding: Binding) -> FloatArray:
+    """Derivative of the virtual markers in the reference pose, `(markers, 3, parameters)`."""
+    if binding not in _jacobians:
+        _, _jacobians[binding] = binding.evaluate(binding.reference_parameters)
+    return _jacobians[binding]
 
 
 class Evaluator:
@@ -33,7 +44,9 @@ class Evaluator:
         self._kernel = None if binding.compiled is None else _kernel()
         if self._kernel is not None:
             self._slots = pack(binding)
-            self._room = self._kernel.make_room(self._slots)
+            rows = self._slots.blocks * SLOT
+            self._room, self._rows = np.zeros(self._slots.room), np.zeros((1, rows))
+            self._shares = np.zeros((1, self._slots.parameters, rows))
             self._code = OBJECTIVES.index(objective)
         self.set_frame(np.zeros((len(binding.names), 3)), np.ones(len(binding.names), dtype=bool))
 
@@ -77,9 +90,10 @@ class Evaluator:
         if self._kernel is None:
             pairs = [self.binding.evaluate(frame) for frame in values]
             return np.array([p for p, _ in pairs]), np.array([j for _, j in pairs])
-        from mocap_fit.fitting.slopes import markers_of_frames
-
-        return markers_of_frames(self._slots, self._room, values, len(self.binding.names))
+        positions, jacobian = self._kernel.markers_of_frames(
+            self._slots, values, len(self.binding.names)
+        )
+        return positions, jacobian
 
     def cost(self, values: FloatArray, gradient: FloatArray) -> float:
         """Cost of the frame at `(parameters,)` values, whose gradient is put into an array."""
@@ -91,13 +105,16 @@ class Evaluator:
             gradient[:] = np.tensordot(pull, jacobian[seen], 2)
             return value
         return float(
-            self._kernel.cost(
-                self._slots,
-                values,
+            self._kernel.evaluate(
+                self._slots.plan,
+                self._slots.numbers,
+                self._room,
+                values[None],
                 self._frame,
                 self._code,
                 self._threshold,
-                self._room,
+                self._rows,
+                self._shares,
                 gradient,
             )
         )

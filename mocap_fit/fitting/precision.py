@@ -106,7 +106,7 @@ def parameter_deviations(
     positions: FloatArray | None = None,
     head_positions: FloatArray | None = None,
     head_weights: FloatArray | None = None,
-) -> FloatArray:
+) -> tuple[FloatArray, FloatArray]:
     """Standard deviations of the parameters of many frames, per unit of marker noise.
 
     The square roots of the diagonals that `parameter_covariance` gives for each frame.
@@ -127,29 +127,33 @@ def parameter_deviations(
 
     Returns
     -------
-    FloatArray
+    whole
         `(frames, parameters)`; infinite where the markers do not determine a parameter.
+    bare
+        The same, as if the head's pose were true.
     """
     frames, markers, _, count = jacobian.shape
     flat = jacobian.reshape(frames, 3 * markers, count)
-    rows = np.repeat(weights, 3, axis=1)[:, :, None]
-    information = flat.transpose(0, 2, 1) @ (rows * flat)
+    weighted = flat * np.repeat(weights, 3, axis=1)[:, :, None]
+    across = weighted.transpose(0, 2, 1)
+    information = across @ flat
     alone = np.einsum("fpp->fp", information)
     ridge = 1e-13 * np.maximum(alone, 1e-12)
     information[:, np.arange(count), np.arange(count)] += ridge
     inverse = np.linalg.inv(information)
-    gain = inverse @ (rows * flat).transpose(0, 2, 1)
-    variance = np.einsum("fpi,fpi->fp", gain, gain)
+    # Of the gain A only A Aᵀ is needed, and what A makes of a rigid motion.
+    variance = np.einsum("fpq,fpq->fp", inverse @ (across @ weighted), inverse)
+    bare = variance.copy()
     posed = np.zeros(frames, dtype=bool)
     if head_positions is not None and head_weights is not None and positions is not None:
         posed = (head_weights > 0).sum(axis=1) >= 3
     if posed.any() and head_positions is not None and positions is not None:
-        variance[posed] += _variance_through_pose(
-            gain[posed],
-            positions[posed],
-            head_positions,
-            head_weights[posed],  # type: ignore[index]
-        )
+        centre = head_positions.mean(axis=0)
+        effect = rigid_motion_effect(positions[posed].reshape(-1, 3), centre)
+        effect = effect.reshape(-1, 3 * markers, 6)
+        through = inverse[posed] @ (across[posed] @ effect)
+        pose = _pose_covariance(head_positions, head_weights[posed])  # type: ignore[index]
+        variance[posed] += np.einsum("fpa,fpa->fp", through @ pose, through)
     doubtful = np.einsum("fpp->fp", inverse) * alone > _SUSPICIOUS
     doubtful |= alone < 1e-9
     for frame in np.flatnonzero(doubtful.any(axis=1)):
@@ -164,27 +168,32 @@ def parameter_deviations(
             }
         covariance = parameter_covariance(jacobian[frame, seen], weights[frame, seen], **head)
         variance[frame] = np.diag(covariance)
-    return np.asarray(np.sqrt(variance))
+        alone_there = parameter_covariance(jacobian[frame, seen], weights[frame, seen])
+        bare[frame] = np.diag(alone_there)
+    return np.sqrt(variance), np.sqrt(bare)
 
 
-def _variance_through_pose(
-    gain: FloatArray, positions: FloatArray, head_positions: FloatArray, head_weights: FloatArray
-) -> FloatArray:
-    """What the noise of the head markers adds to the parameters' variance, `(frames, parameters)`.
+def _different(weights: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+    """The rows that differ, and which of them each row is: most frames show the same markers."""
+    # As strings of bytes they are sorted much faster than number by number.
+    rows = np.ascontiguousarray(weights).view(f"V{8 * weights.shape[1]}").ravel()
+    _, first, which = np.unique(rows, return_index=True, return_inverse=True)
+    return weights[first], which.reshape(-1)
+
+
+def _pose_covariance(head_positions: FloatArray, head_weights: FloatArray) -> FloatArray:
+    """Covariance of the head's pose per unit of marker variance, `(frames, 6, 6)`.
 
     The pose is taken about the middle of all head markers; the choice changes nothing.
     """
-    frames, markers = positions.shape[:2]
-    centre = head_positions.mean(axis=0)
-    head = rigid_motion_effect(head_positions, centre)
+    head = rigid_motion_effect(head_positions, head_positions.mean(axis=0))
     pairs = np.einsum("hia,hib->hab", head, head)
-    information = np.einsum("fh,hab->fab", head_weights, pairs)
+    seen, which = _different(head_weights)
+    information = np.einsum("fh,hab->fab", seen, pairs)
     # Head markers on a line leave a turn open: it is taken as known, not as unbounded.
     inverse = np.linalg.pinv(information, rcond=1e-12, hermitian=True)
-    pose = inverse @ np.einsum("fh,hab->fab", head_weights**2, pairs) @ inverse
-    effect = rigid_motion_effect(positions.reshape(-1, 3), centre).reshape(frames, 3 * markers, 6)
-    through = gain @ effect
-    return np.asarray(np.einsum("fpa,fab,fpb->fp", through, pose, through))
+    pose = inverse @ np.einsum("fh,hab->fab", seen**2, pairs) @ inverse
+    return np.asarray(pose[which])
 
 
 def undetermined(jacobian: FloatArray, weights: FloatArray) -> NDArray[np.bool_]:
@@ -197,15 +206,15 @@ def undetermined(jacobian: FloatArray, weights: FloatArray) -> NDArray[np.bool_]
     weights
         `(frames, markers)`: 0 for a hidden marker.
     """
+    sets, which = _different(weights)
     pairs = np.einsum("mip,miq->mpq", jacobian, jacobian)
-    information = np.einsum("fm,mpq->fpq", weights, pairs)
+    information = np.einsum("fm,mpq->fpq", sets, pairs)
     alone = np.einsum("fpp->fp", information)
     count = jacobian.shape[2]
     information[:, np.arange(count), np.arange(count)] += 1e-13 * np.maximum(alone, 1e-12)
     left = np.einsum("fpp->fp", np.linalg.inv(information))
     doubtful = (left * alone > _SUSPICIOUS) | (alone < 1e-9)
     result = np.zeros(alone.shape, dtype=bool)
-    for frame in np.flatnonzero(doubtful.any(axis=1)):
-        whole = np.einsum("m,mpq->pq", weights[frame], pairs)
-        result[frame] = ~_determined(whole)
-    return result
+    for i in np.flatnonzero(doubtful.any(axis=1)):
+        result[i] = ~_determined(np.einsum("m,mpq->pq", sets[i], pairs))
+    return np.asarray(result[which])

@@ -2,33 +2,17 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_fit.errors import ConfigurationError, DataError, MocapFitWarning
-from mocap_fit.fitting.binding import Binding, check_recording
-from mocap_fit.fitting.objective import OBJECTIVES, Evaluator, Objective
-from mocap_fit.fitting.orientation import moved_by_pose
-from mocap_fit.fitting.precision import parameter_covariance, parameter_deviations
-from mocap_fit.fitting.solving import (
-    ALGORITHMS,
-    NEWTON_NLOPT,
-    NOT_FITTED,
-    PLAIN,
-    SOLVERS,
-    Solved,
-    Solver,
-)
+from mocap_fit.fitting.binding import Binding
+from mocap_fit.fitting.objective import Objective
+from mocap_fit.fitting.solving import NEWTON_NLOPT, NOT_FITTED
+from mocap_fit.fitting.stretches import StretchFitter
 from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks
-
-# Frames that are solved together: memory is bounded by it, and progress comes as often.
-_CHUNK = 512
-# Where hidden markers make a parameter this many times less certain, it is not worth reading.
-_UNCERTAIN = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,203 +123,34 @@ def fit_shape(
     parameter that the visible markers leave undetermined keeps its value from the frame before,
     and its standard deviation is infinite.
     """
-    if objective not in OBJECTIVES:
-        raise ConfigurationError(
-            "the objective is unknown", found=objective, expected=f"one of {', '.join(OBJECTIVES)}"
-        )
-    if solver not in SOLVERS:
-        raise ConfigurationError(
-            "the solver is unknown", found=solver, expected=f"one of {', '.join(SOLVERS)}"
-        )
-    if not (np.isfinite(huber_threshold) and huber_threshold > 0):
-        raise ConfigurationError(
-            "Huber's threshold is not possible", found=huber_threshold, expected="above 0"
-        )
-    if maximum_evaluations < 1:
-        raise ConfigurationError(
-            "the number of evaluations is not possible", found=maximum_evaluations, expected="1 up"
-        )
-    check_recording(binding, recording)
-    if refine_pose and len(binding.head_names) < 3:
-        raise ConfigurationError(
-            "refining the pose needs head markers in the layout and the reference pose",
-            found=len(binding.head_names),
-            expected="three or more",
-        )
-    minimiser = _solver(
+    fitter = StretchFitter(
         binding,
-        objective,
-        huber_threshold * binding.orientation.scale,
-        solver,
-        refine_pose,
-        maximum_evaluations,
+        objective=objective,
+        solver=solver,
+        huber_threshold=huber_threshold,
+        refine_pose=refine_pose,
+        maximum_evaluations=maximum_evaluations,
     )
-    chunks = [
-        _fit_chunk(binding, recording, slice(start, start + _CHUNK), minimiser, progress)
-        for start in range(0, recording.frames, _CHUNK)
-    ]
-    solved = Solved.joined([chunk[0] for chunk in chunks])
-    distances, deviations = (np.concatenate([c[i] for c in chunks]) for i in (1, 2))
-    values, costs, status = solved.values, solved.costs, solved.status
-    count = len(binding.parameter_names)
-    fitted = status != NOT_FITTED
-    if not fitted.any():
-        raise DataError(
-            f"no frame of the recording '{recording.name}' can be fitted",
-            found="no frame with its head pose and two visible face markers",
-            advice="Check the head markers and the gaps with `mocap-fit info`.",
-        )
-    scale = binding.orientation.scale
-    distances /= scale
-    noise = _noise(distances, binding.weights, count + 6 * refine_pose)
-    with np.errstate(invalid="ignore"):
-        residuals = np.sqrt(np.nansum(distances**2, axis=1) / np.isfinite(distances).sum(axis=1))
+    found = fitter.fit(recording, progress)
+    fitter.finish(recording.name)
     tracks = ParameterTracks(
         binding.parameter_names,
         recording.rate,
-        values,
-        # An undetermined parameter stays infinite even when the noise is nil.
-        np.where(np.isinf(deviations), np.inf, deviations * noise * scale),
-        np.where(fitted, residuals, np.nan),
+        found.values,
+        fitter.standard_deviations(found.deviations),
+        found.residuals,
         start_time=recording.start_time,
         name=recording.name,
         events=recording.events,
         provenance=recording.provenance,
-    ).with_step(
-        "fit_shape",
-        {
-            "objective": objective,
-            "solver": solver,
-            "refine_pose": refine_pose,
-            "maximum_evaluations": maximum_evaluations,
-            **({"huber_threshold": huber_threshold} if objective == "huber" else {}),
-        },
-    )
+    ).with_step("fit_shape", fitter.arguments)
     return ShapeFit(
         tracks,
         binding.names,
-        distances,
-        costs,
-        solved.evaluations,
-        status,
-        solved.corrections,
-        noise,
+        found.distances,
+        found.costs,
+        found.evaluations,
+        found.status,
+        found.corrections,
+        fitter.noise,
     )
-
-
-def _solver(
-    binding: Binding,
-    objective: Objective,
-    threshold: float,
-    solver: str,
-    refine_pose: bool,
-    maximum_evaluations: int,
-) -> Solver:
-    """Choose the fastest solver that can do what is asked."""
-    from mocap_fit.fitting.nlopt_solver import NloptSolver
-
-    if binding.compiled is not None and not refine_pose:
-        try:
-            from mocap_fit.fitting.compiled_solver import CompiledSolver
-            from mocap_fit.fitting.native import library
-        except ImportError:
-            pass  # without numba, the plain form gives the same answers
-        else:
-            if library() is not None or solver == "newton":
-                return CompiledSolver(
-                    binding,
-                    objective,
-                    threshold,
-                    solver=solver,
-                    maximum_evaluations=maximum_evaluations,
-                )
-    algorithm = solver if solver in ALGORITHMS else PLAIN
-    if solver not in (NEWTON_NLOPT, algorithm):
-        warnings.warn(
-            f"the solver '{solver}' is not to be had for this rig or this machine, or with a "
-            f"refined pose; nlopt's {algorithm} is used",
-            MocapFitWarning,
-            stacklevel=3,
-        )
-    return NloptSolver(
-        binding,
-        objective,
-        threshold,
-        algorithm=algorithm,
-        refine_pose=refine_pose,
-        maximum_evaluations=maximum_evaluations,
-    )
-
-
-def _fit_chunk(
-    binding: Binding,
-    recording: MarkerTracks,
-    frames: slice,
-    solver: Solver,
-    progress: Callable[[int], object] | None,
-) -> tuple[Solved, FloatArray, FloatArray]:
-    """Fit some frames: what was solved, marker distances, and parameter deviations.
-
-    Distances are in the face's millimetres, deviations per millimetre of noise.
-    """
-    positions = recording.positions[frames]
-    targets = binding.orientation.apply(positions[:, recording.indices(binding.names)])
-    head = np.full((len(positions), len(binding.head_names), 3), np.nan)
-    for i, name in enumerate(binding.head_names):
-        if name in recording.names:
-            head[:, i] = binding.orientation.apply(positions[:, recording.index(name)])
-    seen = np.isfinite(targets[:, :, 0])
-    usable = seen.sum(axis=1) >= 2
-    solved = solver.solve(targets, head, usable)
-    distances = np.full(seen.shape, np.nan)
-    deviations = np.full(solved.values.shape, np.nan)
-    if usable.any():
-        distances[usable], deviations[usable] = _quality(binding, solved, targets, head, usable)
-    if progress is not None:
-        progress(frames.start + len(positions))
-    return solved, distances, deviations
-
-
-def _quality(
-    binding: Binding,
-    solved: Solved,
-    targets: FloatArray,
-    head: FloatArray,
-    usable: NDArray[np.bool_],
-) -> tuple[FloatArray, FloatArray]:
-    """Marker distances and parameter deviations of the usable frames."""
-    evaluator = Evaluator(binding, "squares", 1.0)
-    positions, jacobian = evaluator.markers_of_frames(solved.values[usable])
-    corrections = solved.corrections[usable]
-    for i in np.flatnonzero(corrections.any(axis=1)):
-        centre = binding.head_positions.mean(axis=0)
-        positions[i], _ = moved_by_pose(positions[i], jacobian[i], centre, corrections[i])
-    seen = np.isfinite(targets[usable, :, 0])
-    weights = np.where(seen, binding.weights, 0.0)
-    distances = np.linalg.norm(positions - targets[usable], axis=2)
-    deviations = parameter_deviations(
-        jacobian,
-        weights,
-        positions=positions,
-        head_positions=binding.head_positions,
-        head_weights=np.where(np.isfinite(head[usable, :, 0]), binding.head_weights, 0.0),
-    )
-    partly = np.flatnonzero(~seen.all(axis=1))
-    if partly.size:
-        _, everything = evaluator.markers(binding.reference_parameters)
-        least = np.sqrt(np.diag(parameter_covariance(everything, binding.weights)))
-        bare = parameter_deviations(jacobian[partly], weights[partly])
-        uncertain = bare > _UNCERTAIN * least
-        deviations[partly] = np.where(uncertain, np.inf, deviations[partly])
-    return distances, deviations
-
-
-def _noise(distances: FloatArray, weights: FloatArray, parameters: int) -> float:
-    """Noise of a coordinate from the residuals of all frames, each with its parameters taken."""
-    seen = np.isfinite(distances)
-    freedom = 3 * seen.sum(axis=1) - parameters
-    frames = freedom > 0
-    if not frames.any():
-        return float("nan")
-    squares = np.where(seen, distances, 0.0) ** 2 * (weights / weights.mean())
-    return float(np.sqrt(squares[frames].sum() / freedom[frames].sum()))

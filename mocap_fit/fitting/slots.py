@@ -5,12 +5,19 @@ vertices round it, v2 and v3 leading. Markers go in blocks of 32, and the last b
 with copies that never weigh; within a block the order is slot, coordinate, marker, so that the
 kernel's inner loops run over the markers of a block side by side.
 
-The rig's operations are brought to as few stages as can be: what is linear in the parameters is
-added up to one field a parameter, and rotations and scalings stand between.
+The rig's operations are brought to as few as can be. What is linear in the parameters is added up
+to one field a parameter; rotations and scalings ("turns") stand between, in one form:
+``x ← c + (I + S A + V B)(x - c)``. For a rotation A is the cross product with its axis, B is A
+twice, S the sine and V the versine (one minus the cosine) of the slot's angle; for a scaling A is
+diagonal, B nil, and S the amount.
+
+Everything lies in one array of numbers and one of integers: a compiler takes its time over every
+array that a function is given.
 """
 
 from __future__ import annotations
 
+import weakref
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,94 +29,96 @@ from mocap_fit.tracks import FloatArray
 
 # Markers side by side. Compilers unroll shorter loops before they can put them in registers.
 LANES = 32
+# From the x of a slot to its y, its z, and the next slot.
+Y, Z, SLOT = LANES, 2 * LANES, 3 * LANES
 LINEAR, ROTATION, SCALING = 0, 1, 2
+# What `Slots.plan` begins with: counts of blocks, of a marker's slots but the first, of all slots
+# side by side, of their numbers, of parameters and of operations; where the coordinates begin in
+# `Slots.numbers`; where the kernel's room has space for what is moved, and what is kept of the
+# markers. Then four integers an operation: its kind, its parameter, where its numbers begin, and
+# where in the room a turn has its place.
+BLOCKS, RING, VERTICES, SIZE, PARAMETERS, OPERATIONS = range(6)
+COORDINATES, SCRATCH, MARKERS, OPERATION = range(6, 10)
+# What the numbers of a turn begin with: A, B and c, then a weight for each slot.
+MATRICES, CENTRE, WEIGHTS = 0, 18, 21
+# Numbers that the kernel keeps of a block's markers: the normal before it has unit length (3), the
+# unit normal (3), u over the normal's length, and what pulls at the virtual marker (3).
+NORMAL, UNIT, TILT, PULL, KEPT = 0, 3 * LANES, 6 * LANES, 7 * LANES, 10 * LANES
 
 
 class Slots(NamedTuple):
-    """A packed binding; ``size`` is blocks · slots · 3 · 32.
+    """A packed binding; its size is blocks · slots · 96.
 
     Parameters
     ----------
-    rest
-        `(size,)`: the slots at rest, millimetres.
-    stage_kinds
-        `(stages,)`: `LINEAR`, `ROTATION` or `SCALING`.
-    stage_starts
-        `(stages, 2)`: the first of a stage's fields, rotations or scalings, and the one after.
-    field_parameters, fields
-        `(fields,)` and `(fields, size)`: what each adds at parameter 1.
-    turn_parameters, turn_weights, turn_vectors, turn_centres
-        `(turns,)`, `(turns, blocks · slots · 32)`, and `(turns, 3)` twice: rotations and
-        scalings, as in `mocap_fit.face.rig.Kind`.
-    coordinates
-        `(blocks · 96,)`: s, t and u.
-    slots, blocks, parameters
-        Counts.
+    plan
+        Counts and places, see above. They have no sign: a compiler that cannot rule out that an
+        index is negative, and means the end of an array, does not take markers side by side.
+    numbers
+        The slots at rest, `(size,)`, millimetres; then the fields, `(size,)`, what a parameter
+        of 1 adds, and the turns; then the coordinates s, t and u, `(blocks · 96,)`.
+    room
+        Size of the array that the kernel works in: the slots, their adjoint, as much again,
+        `KEPT` numbers a block, and for every turn the derivative of the slots by its parameter,
+        `(size,)`, and S and V of every slot, `(2 · size / 3,)`.
     """
 
-    rest: FloatArray
-    stage_kinds: NDArray[np.int64]
-    stage_starts: NDArray[np.int64]
-    field_parameters: NDArray[np.int64]
-    fields: FloatArray
-    turn_parameters: NDArray[np.int64]
-    turn_weights: FloatArray
-    turn_vectors: FloatArray
-    turn_centres: FloatArray
-    coordinates: FloatArray
-    slots: int
-    blocks: int
-    parameters: int
+    plan: NDArray[np.uint32]
+    numbers: FloatArray
+    room: int
+
+    @property
+    def blocks(self) -> int:
+        """Blocks of 32 markers."""
+        return int(self.plan[BLOCKS])
+
+    @property
+    def parameters(self) -> int:
+        """Parameters of the rig."""
+        return int(self.plan[PARAMETERS])
+
+
+_packed: weakref.WeakKeyDictionary[Binding, Slots] = weakref.WeakKeyDictionary()
 
 
 def pack(binding: Binding) -> Slots:
-    """Pack a binding whose rig is compiled."""
+    """Pack a binding whose rig is compiled; once for all who ask. Not to be written to."""
+    if binding not in _packed:
+        _packed[binding] = _pack(binding)
+    return _packed[binding]
+
+
+def _pack(binding: Binding) -> Slots:
     compiled = binding.compiled
     if compiled is None:
         raise ValueError("the rig is not compiled")
     ids = _slot_vertices(binding)
     slots, markers = ids.shape
     blocks = markers // LANES
+    size = ids.size * 3
 
     def in_blocks(values: FloatArray) -> FloatArray:
         """`(slots, markers)`, or with coordinates last → flat, blocks first and lanes last."""
         split = values.reshape(len(values), blocks, LANES, -1)
         return np.ascontiguousarray(split.transpose(1, 0, 3, 2)).ravel()
 
-    def spread(vertices: FloatArray) -> FloatArray:
-        return in_blocks(vertices[ids])
-
-    kinds: list[int] = []
-    extents: list[tuple[int, int]] = []
-    fields: list[tuple[int, FloatArray]] = []
-    turns: list[tuple[int, FloatArray, FloatArray, FloatArray]] = []
-    for kind, item in _stages(compiled):
-        kinds.append(kind)
+    parts = [in_blocks(compiled.rest[ids])]
+    plan: list[int] = []
+    room = 3 * size + blocks * KEPT
+    for kind, parameter, item in _operations(compiled):
+        plan += [kind, parameter, sum(map(len, parts)), room]
         if kind == LINEAR:
-            extents.append((len(fields), len(fields) + len(item)))
-            fields += [(p, spread(field)) for p, field in item.items()]
+            parts.append(in_blocks(item[ids]))
         else:
-            extents.append((len(turns), len(turns) + 1))
-            parameter, weights, vector, centre = item
-            turns.append((parameter, in_blocks(weights[ids]), vector, centre))
-    size = ids.size * 3
+            weights, matrices, centre = item
+            parts += [matrices.ravel(), centre, in_blocks(weights[ids])]
+            room += size + 2 * ids.size
     coordinates = np.zeros((1, markers, 3))
     coordinates[0, : len(binding.names)] = binding.coordinates
-    return Slots(
-        rest=spread(compiled.rest),
-        stage_kinds=np.array(kinds, dtype=np.int64),
-        stage_starts=np.array(extents, dtype=np.int64),
-        field_parameters=np.array([p for p, _ in fields], dtype=np.int64),
-        fields=np.array([f for _, f in fields]).reshape(len(fields), size),
-        turn_parameters=np.array([t[0] for t in turns], dtype=np.int64),
-        turn_weights=np.array([t[1] for t in turns]).reshape(len(turns), ids.size),
-        turn_vectors=np.array([t[2] for t in turns]).reshape(len(turns), 3),
-        turn_centres=np.array([t[3] for t in turns]).reshape(len(turns), 3),
-        coordinates=in_blocks(coordinates),
-        slots=slots,
-        blocks=blocks,
-        parameters=compiled.parameter_count,
-    )
+    counts = [compiled.parameter_count, len(plan) // 4, sum(map(len, parts)), 2 * size, 3 * size]
+    parts.append(in_blocks(coordinates))
+    plan = [blocks, slots - 1, blocks * slots, size, *counts, *plan]
+    return Slots(np.array(plan, dtype=np.uint32), np.concatenate(parts), room)
 
 
 def pack_frames(targets: FloatArray, weights: FloatArray) -> FloatArray:
@@ -138,20 +147,20 @@ def pack_frames(targets: FloatArray, weights: FloatArray) -> FloatArray:
     return np.ascontiguousarray(split).reshape(frames, blocks * 4 * LANES)
 
 
-def _stages(compiled: CompiledRig) -> list[tuple[int, Any]]:
-    """The operations in as few stages as can be.
+def _operations(compiled: CompiledRig) -> list[tuple[int, int, Any]]:
+    """The operations, as few as can be: kind, parameter, and what it needs.
 
-    A linear stage is ``{parameter: (vertices, 3)}``; a rotation or scaling ``(parameter, weights,
-    vector, centre)``. A scaling of coordinates that nothing has moved yet is linear too.
+    A linear one needs its field, `(vertices, 3)`; a turn its weights, `(vertices,)`, the matrices
+    A and B, `(2, 3, 3)`, and its centre. A scaling of coordinates that nothing has moved yet is
+    linear too.
     """
-    stages: list[tuple[int, Any]] = []
+    operations: list[tuple[int, int, Any]] = []
     moved = np.zeros(compiled.rest.shape, dtype=bool)
     fields: dict[int, FloatArray] = {}
 
     def finish() -> None:
-        if fields:
-            stages.append((LINEAR, dict(fields)))
-            fields.clear()
+        operations.extend((LINEAR, parameter, field) for parameter, field in fields.items())
+        fields.clear()
 
     for i, kind in enumerate(compiled.kinds):
         parameter = int(compiled.parameters[i])
@@ -167,14 +176,22 @@ def _stages(compiled: CompiledRig) -> list[tuple[int, Any]]:
             continue  # a turn about nothing has no axis
         else:
             finish()
-            turn = SCALING if kind == Kind.SCALING else ROTATION
-            stages.append((turn, (parameter, weights, vector, centre)))
-            moved |= effect != 0 if kind == Kind.SCALING else (weights != 0)[:, None]
+            if kind == Kind.SCALING:
+                matrices = np.stack([np.diag(vector), np.zeros((3, 3))])
+                operations.append((SCALING, parameter, (weights, matrices, centre)))
+                moved |= effect != 0
+            else:
+                angle = np.sqrt(vector @ vector)
+                x, y, z = vector / angle
+                across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+                matrices = np.stack([across, across @ across])
+                operations.append((ROTATION, parameter, (weights * angle, matrices, centre)))
+                moved |= (weights != 0)[:, None]
             continue
         moved |= field != 0
         fields[parameter] = fields.get(parameter, 0.0) + field
     finish()
-    return stages
+    return operations
 
 
 def _slot_vertices(binding: Binding) -> NDArray[np.int64]:

@@ -31,6 +31,7 @@ from mocap_fit.io.reading import (
     read_tracks,
 )
 from mocap_fit.io.retiming import retime
+from mocap_fit.io.stretches import read_stretches, reads_in_stretches
 
 __all__ = [
     "LABEL_READERS",
@@ -56,7 +57,9 @@ __all__ = [
     "read_labels",
     "read_phones",
     "read_poses",
+    "read_stretches",
     "read_tracks",
+    "reads_in_stretches",
     "retime",
     "write_labels",
     "write_qualisys_tsv",

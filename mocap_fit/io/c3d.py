@@ -16,8 +16,11 @@ events, which count from the start of the measurement, fit a recording that was 
 from __future__ import annotations
 
 import os
+import struct
+import tempfile
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +29,7 @@ from numpy.typing import NDArray
 
 from mocap_fit.errors import FileFormatError, MocapFitWarning
 from mocap_fit.io import recording
-from mocap_fit.io.c3d_structure import check_structure, looks_like_c3d
+from mocap_fit.io.c3d_structure import LONG, Extent, check_structure, looks_like_c3d
 from mocap_fit.io.text import checked_file, decoded, read_head, unreadable
 from mocap_fit.io.timing import checked_rate
 from mocap_fit.tracks import Event, FloatArray, MarkerTracks, Origin
@@ -72,32 +75,139 @@ def read(
         If the file does not say its unit, or some points are no positions.
     """
     file = checked_file(path)
+    extent = _checked(file)
+    # ezc3d takes its time over the frames, and knows no more than 65,535 of them.
+    content = _part(file, extent, 0, 1) if extent.plain_floats else _opened(file)
+    about = _about(content, file, names, rate)
+    points = _floats(file, extent, 0, extent.frames) if extent.plain_floats else _points(content)
+    points = points[:, about.kept]
+    return recording.markers(
+        file,
+        NAME,
+        about.names,
+        about.rate,
+        points.positions(about),
+        origin=points.origin(about, points.any_residual),
+        start_time=about.start,
+        events=about.events,
+        arguments=about.arguments,
+        unit_is_known=True,
+    )
+
+
+def stretches(
+    path: str | os.PathLike[str],
+    *,
+    names: Sequence[str] | None = None,
+    rate: float | None = None,
+    frames: int,
+) -> Iterator[MarkerTracks]:
+    """Read the points of a C3D file so many frames at a time; parameters and errors as for `read`.
+
+    Yields
+    ------
+    MarkerTracks
+        Together what `read` gives.
+    """
+    file = checked_file(path)
+    extent = _checked(file)
+    about = _about(_part(file, extent, 0, 1), file, names, rate)
+
+    def parts() -> Iterator[_Points]:
+        for start in range(0, extent.frames, frames):
+            count = min(frames, extent.frames - start)
+            if extent.plain_floats:
+                yield _floats(file, extent, start, count)[:, about.kept]
+            else:
+                yield _points(_part(file, extent, start, count))[:, about.kept]
+
+    # Whether residuals of 0 mean anything shows in the whole file; mostly its first frames do.
+    telling = any(part.any_residual for part in parts())
+    made = recording.Stretches(
+        file,
+        NAME,
+        about.names,
+        about.rate,
+        start_time=about.start,
+        events=about.events,
+        arguments=about.arguments,
+        unit_is_known=True,
+    )
+    for part in parts():
+        yield made.part(part.positions(about), part.origin(about, telling))
+    made.finish()
+
+
+@dataclass(frozen=True)
+class _About:
+    """What a file says beside its points."""
+
+    kept: list[int]
+    names: tuple[str, ...]
+    rate: float
+    start: float
+    scale: float
+    events: list[Event]
+    arguments: dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """Points as the file has them: `(frames, points, 3)`, residuals, whether a camera saw each."""
+
+    places: FloatArray
+    residuals: NDArray[Any]
+    cameras: NDArray[np.bool_]
+
+    def __getitem__(self, chosen: tuple[slice, list[int]]) -> _Points:
+        return _Points(self.places[chosen], self.residuals[chosen], self.cameras[chosen])
+
+    @property
+    def _gone(self) -> NDArray[np.bool_]:
+        return np.asarray((self.residuals < 0) | ~np.isfinite(self.places).all(axis=2))
+
+    @property
+    def any_residual(self) -> bool:
+        """Whether a point that is seen has a residual above 0."""
+        return bool((self.residuals[~self._gone] > 0).any())
+
+    def positions(self, about: _About) -> FloatArray:
+        """Millimetres; NaN for gaps."""
+        return np.asarray(np.where(self._gone[:, :, None], np.nan, self.places * about.scale))
+
+    def origin(self, about: _About, telling: bool) -> NDArray[np.uint8]:
+        """The origin of every sample; ``telling`` is `any_residual` of the whole file."""
+        gone = self._gone
+        origin = np.where(gone, Origin.MISSING, Origin.MEASURED).astype(np.uint8)
+        if telling:
+            origin[~gone & (self.residuals == 0) & ~self.cameras] = Origin.FILLED
+        return origin
+
+
+def _checked(file: Path) -> Extent:
     try:
-        check_structure(file)
+        return check_structure(file)
     except OSError as error:
-        raise unreadable(path, error) from None
-    content = _opened(file)
+        raise unreadable(file, error) from None
+
+
+def _about(
+    content: Mapping[str, Any], file: Path, names: Sequence[str] | None, rate: float | None
+) -> _About:
     parameters: _Parameters = content["parameters"]
-    points = np.asarray(content["data"]["points"], dtype=np.float64)[:3]
+    points = content["data"]["points"]
     if points.ndim != 3 or points.shape[1] == 0 or points.shape[2] == 0:
         raise FileFormatError(
-            "the file holds no points", path=path, advice="Export a recording with markers."
+            "the file holds no points", path=file, advice="Export a recording with markers."
         )
-    residuals = np.asarray(content["data"]["meta_points"]["residuals"])[0].T
-    cameras = np.any(content["data"]["meta_points"]["camera_masks"], axis=0, keepdims=True)[0].T
     labels = _labels(parameters, points.shape[1])
     kept = _kept(parameters, labels, file)
     file_names, subject = _without_subject([labels[index] for index in kept])
     marker_names = recording.chosen_names(file_names, names, path=file) or ()
-
     first = float(content["header"]["points"]["first_frame"])
     file_rate = float(_values(parameters, "POINT", "RATE", [np.nan])[0])
     used_rate = checked_rate(file_rate if rate is None else rate, path=file)
     unit = _unit(parameters, file)
-    positions = points.transpose(2, 1, 0)[:, kept] * recording.millimetres(unit, path=file)
-    residuals, cameras = residuals[:, kept], cameras[:, kept]
-    positions[residuals < 0] = np.nan
-    positions[~np.isfinite(positions)] = np.nan
     arguments: dict[str, Any] = {"unit": unit}
     if subject is not None:
         arguments["subject"] = subject
@@ -105,21 +215,64 @@ def read(
         arguments["names"] = list(marker_names)
     if rate is not None:
         arguments["rate"] = used_rate
-    return recording.markers(
-        file,
-        NAME,
+    return _About(
+        kept,
         marker_names,
         used_rate,
-        positions,
-        origin=_origin(positions, residuals, cameras),
-        start_time=first / used_rate,
-        events=_events(content, file),
-        arguments=arguments,
-        unit_is_known=True,
+        first / used_rate,
+        recording.millimetres(unit, path=file),
+        _events(content, file),
+        arguments,
     )
 
 
-def _opened(path: Path) -> Mapping[str, Any]:
+def _points(content: Mapping[str, Any]) -> _Points:
+    """What ezc3d read."""
+    data = content["data"]
+    return _Points(
+        np.asarray(data["points"], dtype=np.float64)[:3].transpose(2, 1, 0),
+        np.asarray(data["meta_points"]["residuals"])[0].T,
+        np.any(data["meta_points"]["camera_masks"], axis=0).T,
+    )
+
+
+def _part(file: Path, extent: Extent, start: int, count: int) -> Mapping[str, Any]:
+    """Some frames, read by ezc3d from a copy that holds no others."""
+    try:
+        with file.open("rb") as stream, tempfile.TemporaryDirectory() as folder:
+            head = bytearray(stream.read(extent.start))
+            first = struct.unpack_from(f"{extent.order}H", head, 6)[0]
+            if extent.frames < LONG and first + count <= LONG:
+                # The number of the last frame; of more frames than 16 bits hold, ezc3d takes
+                # as many as there are.
+                struct.pack_into(f"{extent.order}H", head, 8, first + count - 1)
+            stream.seek(extent.start + start * extent.frame_size)
+            copy = Path(folder) / file.name
+            copy.write_bytes(bytes(head) + stream.read(count * extent.frame_size))
+            return _opened(copy, file)
+    except OSError as error:
+        raise unreadable(file, error) from None
+
+
+def _floats(file: Path, extent: Extent, start: int, count: int) -> _Points:
+    """Some frames of plain floats, read without ezc3d, which takes many times as long."""
+    try:
+        with file.open("rb") as stream:
+            stream.seek(extent.start + start * extent.frame_size)
+            block = stream.read(count * extent.frame_size)
+    except OSError as error:
+        raise unreadable(file, error) from None
+    numbers = np.frombuffer(block, dtype="<f4").reshape(count, -1)[:, : 4 * extent.points]
+    numbers = numbers.reshape(count, extent.points, 4)
+    # The fourth number: -1 for a gap, else the residual in the high byte, cameras in the low one.
+    word = np.nan_to_num(numbers[:, :, 3], nan=-1.0, posinf=-1.0, neginf=-1.0)
+    word = np.clip(word, -(2.0**31), 2.0**31 - 256).astype(np.int64)
+    residuals = np.where(word < 0, -1, word >> 8)
+    return _Points(numbers[:, :, :3].astype(np.float64), residuals, (word & 0x7F) != 0)
+
+
+def _opened(path: Path, of: Path | None = None) -> Mapping[str, Any]:
+    """What ezc3d reads in a file, which may be a part ``of`` another."""
     import ezc3d
 
     try:
@@ -129,7 +282,7 @@ def _opened(path: Path) -> Mapping[str, Any]:
         lines = str(error).splitlines()
         raise FileFormatError(
             "ezc3d cannot read the file",
-            path=path,
+            path=of or path,
             found=lines[0] if lines else type(error).__name__,
             advice="The file is damaged; export or copy it again.",
         ) from None
@@ -212,16 +365,6 @@ def _unit(parameters: _Parameters, path: Path) -> str:
         stacklevel=4,
     )
     return "mm"
-
-
-def _origin(
-    positions: FloatArray, residuals: NDArray[Any], cameras: NDArray[np.bool_]
-) -> NDArray[np.uint8]:
-    gone = np.isnan(positions).any(axis=2)
-    origin = np.where(gone, Origin.MISSING, Origin.MEASURED).astype(np.uint8)
-    if (residuals[~gone] > 0).any():
-        origin[~gone & (residuals == 0) & ~cameras] = Origin.FILLED
-    return origin
 
 
 def _events(content: Mapping[str, Any], path: Path) -> list[Event]:

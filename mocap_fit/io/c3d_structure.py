@@ -19,7 +19,7 @@ from mocap_fit.errors import FileFormatError
 BLOCK = 512
 _KEY = 0x50
 _INTEL, _DEC, _MIPS = 84, 85, 86
-_LONG = 65535
+LONG = 65535
 """A last frame of this number means that the header's 16 bits did not suffice."""
 
 _MOST_SAMPLES = 10_000
@@ -66,9 +66,50 @@ class _Plan:
             return None
         return int(value) + 65536 if -32768 <= value < 0 else int(value)
 
+    def trial_frames(self) -> int | None:
+        """Frames by the first and the last of the trial, which are two words each."""
+        ends = []
+        for name in ("ACTUAL_START_FIELD", "ACTUAL_END_FIELD"):
+            found = [
+                values
+                for (number, title), values in self.values.items()
+                if title == name and self.groups.get(number) == "TRIAL"
+            ]
+            if not found or len(found[0]) < 2:
+                return None
+            low, high = (int(word) & 0xFFFF for word in found[0][:2])
+            ends.append(low + 65536 * high)
+        return ends[1] - ends[0] + 1
 
-def check_structure(path: Path) -> None:
-    """Refuse a C3D file that does not hold together.
+
+@dataclass(frozen=True)
+class Extent:
+    """Where the data of a C3D file are.
+
+    Parameters
+    ----------
+    start
+        Bytes before them: the header and the parameters.
+    frames, points
+        How many, of all kinds of points.
+    frame_size
+        Bytes of a frame: four numbers a point, and the analog samples.
+    plain_floats
+        Whether the numbers are floats of the usual byte order.
+    order
+        Of the bytes in the header, as `struct` has it.
+    """
+
+    start: int
+    frames: int
+    points: int
+    frame_size: int
+    plain_floats: bool
+    order: str
+
+
+def check_structure(path: Path) -> Extent:
+    """Refuse a C3D file that does not hold together; where its data are.
 
     Raises
     ------
@@ -100,7 +141,7 @@ def check_structure(path: Path) -> None:
         # The parameters end where the data start, whatever number of blocks is noted.
         section = file.read(data_start - start - 4)
     _read_parameters(plan, section)
-    _check_counts(plan, data_start)
+    return _check_counts(plan, data_start)
 
 
 def _read_parameters(plan: _Plan, section: bytes) -> None:
@@ -161,7 +202,7 @@ def _read_parameter(plan: _Plan, section: bytes, place: int, key: tuple[int, str
     return int(end)
 
 
-def _check_counts(plan: _Plan, data_start: int) -> None:
+def _check_counts(plan: _Plan, data_start: int) -> Extent:
     points, analog = plan.word(2), plan.word(3)
     first, last, per_frame = plan.word(4), plan.word(5), plan.word(10)
     if points == 0:
@@ -185,16 +226,24 @@ def _check_counts(plan: _Plan, data_start: int) -> None:
         found = f"{max(per_frame, ratio)} samples a frame"
         _refuse(plan.path, "the header is not possible", found, f"at most {_MOST_SAMPLES}")
     frames = last - first + 1
-    if last == _LONG:
-        said = (plan.count("POINT", "LONG_FRAMES"), plan.count("POINT", "FRAMES"))
+    if last == LONG:
+        said = (
+            plan.count("POINT", "LONG_FRAMES"),
+            plan.count("POINT", "FRAMES"),
+            plan.trial_frames(),
+        )
         frames = max((count for count in said if count is not None), default=frames)
     if frames < 1:
         _refuse(plan.path, "the recording has no frames", f"first {first}, last {last}")
     # The byte with the sign of the scale: negative for data stored as floats.
     sign = plan.header[{_INTEL: 15, _DEC: 13, _MIPS: 12}[plan.processor]]
-    needed = data_start + frames * (4 * points + analog) * (4 if sign & 0x80 else 2)
+    floats = bool(sign & 0x80)
+    frame_size = (4 * points + analog) * (4 if floats else 2)
+    needed = data_start + frames * frame_size
     if plan.size < needed:
         _refuse(plan.path, "the file is cut off in its data", f"{plan.size} bytes", f"{needed}")
+    plain = floats and plan.processor == _INTEL
+    return Extent(data_start, frames, points, frame_size, plain, plan.order)
 
 
 def _refuse(path: Path, problem: str, found: object, expected: object = None) -> NoReturn:

@@ -15,19 +15,29 @@ from __future__ import annotations
 import csv
 import os
 import re
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mocap_fit.errors import FileFormatError
+from mocap_fit.errors import FileFormatError, MocapFitWarning
 from mocap_fit.io import recording
-from mocap_fit.io.number_table import is_missing, number, read_numbers
+from mocap_fit.io.number_table import (
+    NumberTable,
+    is_missing,
+    number,
+    read_number_blocks,
+    read_numbers,
+)
+from mocap_fit.io.stretches import InOrder, rows_of
 from mocap_fit.io.text import TextFile, first_lines
 from mocap_fit.io.timing import check_consecutive, checked_rate, rate_from_times
-from mocap_fit.tracks import MarkerTracks
+from mocap_fit.tracks import FloatArray, MarkerTracks
 
 NAME = "csv"
 description = "plain CSV with a column a coordinate"
@@ -106,58 +116,179 @@ def read(
         If the file was cut off, or the positions are probably not millimetres.
     """
     with TextFile(path) as text:
-        titles, line = _read_titles(text)
-        marker_names = recording.chosen_names(titles.names, names, path=text.path, line=line) or ()
-        lead = ["frame"] * titles.frame + ["time"] * (titles.time_scale is not None)
-        columns = [*lead, *(f"{name} {axis}" for name in marker_names for axis in "xyz")]
+        plan = _plan(text, names)
         table = read_numbers(
             text.rest().replace(b'"', b""),
-            columns,
-            separator=titles.separator,
+            plan.columns,
+            separator=plan.titles.separator,
             first_line=text.number + 1,
             path=text.path,
         )
-    arguments: dict[str, Any] = {}
-    if titles.frame:
-        check_consecutive(table.values[:, 0], path=text.path, lines=table.lines)
-    start = 0.0
-    times = None
-    if titles.time_scale is not None:
-        times = table.values[:, lead.index("time")] * titles.time_scale
-        start = float(times[0])
-        if np.isnan(start):
-            raise FileFormatError(
-                "the first frame has no time", path=text.path, line=int(table.lines[0])
-            )
-    if rate is not None:
-        arguments["rate"] = rate = checked_rate(rate, path=text.path)
-    elif times is not None:
-        decimals = table.decimals(lead.index("time")) + (3 if titles.time_scale != 1.0 else 0)
-        rate = rate_from_times(times, decimals=decimals, path=text.path, lines=table.lines)
-    else:
-        raise FileFormatError(
-            "the file does not say its frame rate",
-            path=text.path,
-            line=line,
-            advice="Add a time column in seconds, or give the rate (rate=..., in hertz).",
+    if plan.frame is not None:
+        check_consecutive(table.values[:, plan.frame], path=text.path, lines=table.lines)
+    start = _start(table, plan, text.path)
+    used = _said_rate(plan, rate, text.path)
+    if used is None:
+        times = table.values[:, plan.time_column] * plan.time_scale
+        used = rate_from_times(
+            times, decimals=_decimals(table, plan), path=text.path, lines=table.lines
         )
-    if names is not None:
-        arguments["names"] = list(marker_names)
-    scale = 1.0
-    if titles.unit is not None:
-        scale = recording.millimetres(titles.unit, path=text.path, line=line)
-        arguments["unit"] = titles.unit
-    positions = table.values[:, len(lead) :].reshape(len(table.values), -1, 3) * scale
+    positions = table.values[:, plan.lead :].reshape(len(table.values), -1, 3) * plan.scale
     return recording.markers(
         text.path,
         NAME,
-        marker_names,
-        rate,
+        plan.names,
+        used,
         positions,
         start_time=start,
-        arguments=arguments,
-        unit_is_known=titles.unit is not None,
+        arguments=_arguments(plan, names, rate),
+        unit_is_known=plan.titles.unit is not None,
     )
+
+
+def stretches(
+    path: str | os.PathLike[str],
+    *,
+    names: Sequence[str] | None = None,
+    rate: float | None = None,
+    frames: int,
+) -> Iterator[MarkerTracks]:
+    """Read a CSV file so many frames at a time; parameters and errors as for `read`.
+
+    Where the times must tell the rate, the file is gone through twice.
+
+    Yields
+    ------
+    MarkerTracks
+        Together what `read` gives.
+    """
+    with TextFile(path) as text:
+        plan = _plan(text, names)
+        said = _said_rate(plan, rate, text.path)
+        if said is None:
+            said = _rate_of_all(path, names)
+        tables = iter(InOrder(_blocks(text, plan), plan.frame, None, text.path))
+        first = next(tables)
+        made = recording.Stretches(
+            text.path,
+            NAME,
+            plan.names,
+            said,
+            start_time=_start(first, plan, text.path),
+            arguments=_arguments(plan, names, rate),
+            unit_is_known=plan.titles.unit is not None,
+        )
+        for positions in rows_of(chain([first], tables), plan.lead, frames):
+            yield made.part(positions * plan.scale)
+        made.finish()
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What the titles say, and what the caller said of the names."""
+
+    titles: _Titles
+    line: int
+    names: tuple[str, ...]
+    scale: float
+
+    @property
+    def lead(self) -> int:
+        """Columns before the first marker."""
+        return self.titles.frame + (self.titles.time_scale is not None)
+
+    @property
+    def frame(self) -> int | None:
+        return 0 if self.titles.frame else None
+
+    @property
+    def time_column(self) -> int:
+        return self.lead - 1
+
+    @property
+    def time_scale(self) -> float:
+        return self.titles.time_scale or 1.0
+
+    @property
+    def columns(self) -> list[str]:
+        lead = ["frame"] * self.titles.frame + ["time"] * (self.titles.time_scale is not None)
+        return [*lead, *(f"{name} {axis}" for name in self.names for axis in "xyz")]
+
+
+def _plan(text: TextFile, names: Sequence[str] | None) -> _Plan:
+    titles, line = _read_titles(text)
+    chosen = recording.chosen_names(titles.names, names, path=text.path, line=line) or ()
+    scale = 1.0
+    if titles.unit is not None:
+        scale = recording.millimetres(titles.unit, path=text.path, line=line)
+    return _Plan(titles, line, chosen, scale)
+
+
+def _blocks(text: TextFile, plan: _Plan) -> Iterator[NumberTable]:
+    return read_number_blocks(
+        (block.replace(b'"', b"") for block in text.blocks()),
+        plan.columns,
+        separator=plan.titles.separator,
+        first_line=text.number + 1,
+        path=text.path,
+    )
+
+
+def _start(table: NumberTable, plan: _Plan, path: Path) -> float:
+    if plan.titles.time_scale is None:
+        return 0.0
+    start = float(table.values[0, plan.time_column] * plan.time_scale)
+    if np.isnan(start):
+        raise FileFormatError("the first frame has no time", path=path, line=int(table.lines[0]))
+    return start
+
+
+def _said_rate(plan: _Plan, rate: float | None, path: Path) -> float | None:
+    """The rate of the caller; None where the times must tell it."""
+    if rate is not None:
+        return checked_rate(rate, path=path)
+    if plan.titles.time_scale is None:
+        raise FileFormatError(
+            "the file does not say its frame rate",
+            path=path,
+            line=plan.line,
+            advice="Add a time column in seconds, or give the rate (rate=..., in hertz).",
+        )
+    return None
+
+
+def _decimals(table: NumberTable, plan: _Plan) -> int:
+    return table.decimals(plan.time_column) + (3 if plan.time_scale != 1.0 else 0)
+
+
+def _rate_of_all(path: str | os.PathLike[str], names: Sequence[str] | None) -> float:
+    """The rate that the times of all frames say."""
+    with TextFile(path) as text, warnings.catch_warnings():
+        # What there is to warn of is told when the frames are read.
+        warnings.simplefilter("ignore", MocapFitWarning)
+        plan = _plan(text, names)
+        times: list[FloatArray] = []
+        lines: list[NDArray[np.intp]] = []
+        decimals = 0
+        for table in InOrder(_blocks(text, plan), plan.frame, None, text.path):
+            decimals = decimals if times else _decimals(table, plan)
+            times.append(table.values[:, plan.time_column] * plan.time_scale)
+            lines.append(table.lines)
+    return rate_from_times(
+        np.concatenate(times), decimals=decimals, path=text.path, lines=np.concatenate(lines)
+    )
+
+
+def _arguments(plan: _Plan, names: Sequence[str] | None, rate: float | None) -> dict[str, Any]:
+    """What the caller said and the unit, for the provenance."""
+    arguments: dict[str, Any] = {}
+    if rate is not None:
+        arguments["rate"] = float(rate)
+    if names is not None:
+        arguments["names"] = list(plan.names)
+    if plan.titles.unit is not None:
+        arguments["unit"] = plan.titles.unit
+    return arguments
 
 
 def _counts(line: str) -> bool:

@@ -7,7 +7,7 @@ which accepts a little more (cells of blanks) and names the cell that is not a n
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -136,8 +136,88 @@ def read_numbers(
     MocapFitWarning
         If the last line is not whole, or there are not as many rows as announced.
     """
+    table = _table(block, columns, separator, first_line, path, expected_rows, last=True)
+    _warn_of_loss(table.lost_line, len(table.values), expected_rows, path)
+    return table
+
+
+def read_number_blocks(
+    blocks: Iterable[bytes],
+    columns: Sequence[str],
+    *,
+    separator: Literal["\t", ",", ";"],
+    first_line: int,
+    path: Path,
+    expected_rows: int | None = None,
+) -> Iterator[NumberTable]:
+    """Read the rows of numbers at the end of a file block by block, as `read_numbers` does.
+
+    Parameters
+    ----------
+    blocks
+        Whole lines each, from `TextFile.blocks`.
+    columns, separator, first_line, path, expected_rows
+        As for `read_numbers`.
+
+    Yields
+    ------
+    NumberTable
+        Some rows; none has none.
+    """
+    rows, lost = 0, None
+    # Whether decimals have commas shows in some blocks alone, and holds for all.
+    commas, point = False, None
+    for block, last in _last_two_joined(blocks):
+        commas = commas or (separator != "," and b"," in block)
+        if point is None and not commas:
+            point = _first_point(block, columns, separator, first_line)
+        if commas and point is not None:
+            raise _no_number(*point, True, path)
+        if not last and not block.strip(f" \n{separator}".encode()):
+            first_line += block.count(b"\n")
+            continue
+        only = last and rows == 0
+        table = _table(
+            block, columns, separator, first_line, path, expected_rows, last, only, commas
+        )
+        first_line += block.count(b"\n")
+        rows += len(table.values)
+        lost = table.lost_line
+        if len(table.values):
+            yield table
+    _warn_of_loss(lost, rows, expected_rows, path)
+
+
+def _last_two_joined(blocks: Iterable[bytes]) -> Iterator[tuple[bytes, bool]]:
+    """The blocks, and whether each is the last: that one needs rows above its last row."""
+    stream = iter(blocks)
+    first, second = next(stream, b""), next(stream, None)
+    while second is not None:
+        third = next(stream, None)
+        if third is None:
+            first += second
+            break
+        yield first, False
+        first, second = second, third
+    yield first, True
+
+
+def _table(
+    block: bytes,
+    columns: Sequence[str],
+    separator: str,
+    first_line: int,
+    path: Path,
+    expected_rows: int | None,
+    last: bool,
+    only: bool = True,
+    commas: bool = False,
+) -> NumberTable:
+    """The rows of a block; the last of the file may end in the middle of a line."""
     lines = _lines_of(block, separator, first_line, len(columns))
     if lines.numbers.size == 0:
+        if not only:
+            return NumberTable(np.empty((0, len(columns))), lines.numbers, None, ())
         raise FileFormatError(
             "there is no row of numbers",
             path=path,
@@ -145,7 +225,7 @@ def read_numbers(
             expected="one line a frame" if expected_rows is None else f"{expected_rows} lines",
             advice="Export or copy the recording again.",
         )
-    lost = _lost_line(lines, len(columns), separator)
+    lost = _lost_line(lines, len(columns), separator) if last else None
     if lost is not None:
         lines = _without_last(lines)
         if lines.numbers.size == 0:
@@ -157,7 +237,7 @@ def read_numbers(
                 advice="Export or copy the recording again.",
             )
     _check_widths(lines, columns, separator, path)
-    decimal_comma = separator != "," and b"," in lines.block
+    decimal_comma = commas or (separator != "," and b"," in lines.block)
     values = _parsed_fast(lines, len(columns), separator, decimal_comma)
     if values is None:
         values = _parsed_by_cell(lines, columns, separator, decimal_comma, path)
@@ -169,7 +249,6 @@ def read_numbers(
             line=int(lines.numbers[row]),
             expected="a number",
         )
-    _warn_of_loss(lost, len(values), expected_rows, path)
     rows = lines.block.split(b"\n", _SAMPLE)[:_SAMPLE]
     sample = tuple(tuple(decoded(row).split(separator)) for row in rows if row)
     return NumberTable(values, lines.numbers, lost, sample)
@@ -292,18 +371,41 @@ def _parsed_by_cell(
             cell = cells[column]
             value = number(cell, decimal_comma)
             if value is None or (decimal_comma and "." in cell and not is_missing(cell)):
-                raise FileFormatError(
-                    f"{name} is not a number",
-                    path=path,
-                    line=int(lines.numbers[row]),
-                    found=f"'{cell}' in column {column + 1}",
-                    expected="a number with a decimal comma, as elsewhere in the file"
-                    if decimal_comma
-                    else "a number",
-                    advice="Correct the cell, or export the recording again.",
-                )
+                raise _no_number(name, int(lines.numbers[row]), cell, column, decimal_comma, path)
             values[row, column] = value
     return values
+
+
+def _first_point(
+    block: bytes, columns: Sequence[str], separator: str, first_line: int
+) -> tuple[str, int, str, int] | None:
+    """The first number with a decimal point: its column, line, cell and place; None for none."""
+    place = block.find(b".")
+    while place >= 0:
+        start, end = block.rfind(b"\n", 0, place) + 1, block.find(b"\n", place)
+        row = decoded(block[start : end if end >= 0 else len(block)])
+        cells = row.split(separator)[: len(columns)]
+        for column, cell in enumerate(cells):
+            if "." in cell and not is_missing(cell):
+                line = first_line + block.count(b"\n", 0, place)
+                return columns[column], line, cell, column
+        place = block.find(b".", end) if end >= 0 else -1
+    return None
+
+
+def _no_number(
+    name: str, line: int, cell: str, column: int, decimal_comma: bool, path: Path
+) -> FileFormatError:
+    return FileFormatError(
+        f"{name} is not a number",
+        path=path,
+        line=line,
+        found=f"'{cell}' in column {column + 1}",
+        expected="a number with a decimal comma, as elsewhere in the file"
+        if decimal_comma
+        else "a number",
+        advice="Correct the cell, or export the recording again.",
+    )
 
 
 def _warn_of_loss(lost: int | None, rows: int, expected: int | None, path: Path) -> None:

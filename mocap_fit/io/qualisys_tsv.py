@@ -21,8 +21,10 @@ from __future__ import annotations
 import os
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,16 +32,18 @@ from numpy.typing import NDArray
 
 from mocap_fit.errors import FileFormatError, MocapFitWarning
 from mocap_fit.io import qualisys_poses, recording
-from mocap_fit.io.number_table import NumberTable, number, read_numbers
+from mocap_fit.io.number_table import NumberTable, number, read_number_blocks, read_numbers
 from mocap_fit.io.qualisys_header import KNOWN_KEYWORDS, Header, read_events, read_header
+from mocap_fit.io.stretches import InOrder, rows_of
 from mocap_fit.io.text import TextFile, first_lines
 from mocap_fit.io.timing import (
     check_consecutive,
+    check_rate_against_ends,
     check_rate_against_times,
     checked_rate,
     rate_from_times,
 )
-from mocap_fit.tracks import MarkerTracks, Origin, PoseTracks
+from mocap_fit.tracks import FloatArray, MarkerTracks, Origin, PoseTracks
 
 NAME = "qualisys-tsv"
 description = "Qualisys Track Manager TSV export, 3D or 6DOF"
@@ -102,37 +106,7 @@ def read(
         If the file was cut off, or says something that is not known.
     """
     with TextFile(path) as text:
-        header = read_header(text)
-        if not header.first_row:
-            raise FileFormatError(
-                "the file ends before its first row of numbers",
-                path=text.path,
-                line=max(text.number, 1),
-                advice="Export or copy the recording again.",
-            )
-        _check_data_included(header)
-        is_6dof = _is_6dof(header, names)
-        noun = "body" if is_6dof else "marker"
-        file_names = recording.chosen_names(
-            _names_of(header, is_6dof),
-            names,
-            path=text.path,
-            noun=noun,
-            line=header.lines.get("BODY_NAMES" if is_6dof else "MARKER_NAMES"),
-        )
-        if file_names is None:
-            raise FileFormatError(
-                f"the file has no {noun} names: its header was switched off in the export",
-                path=text.path,
-                line=1,
-                advice="Give the names in the order of the columns (names=[...]) and the rate "
-                "(rate=..., in hertz), or export again with the header.",
-            )
-        _check_counts(header, len(file_names), is_6dof)
-        if is_6dof:
-            layout = qualisys_poses.layout_of(header, file_names)
-        else:
-            layout = _layout_of(header, file_names)
+        header, is_6dof, file_names, layout = _opened(text, names)
         table = read_numbers(
             text.rest(),
             layout.columns,
@@ -143,11 +117,7 @@ def read(
         )
     timing = _timing(header, table, layout.lead, rate)
     events = read_events(header, timing.rate)
-    arguments: dict[str, Any] = {}
-    if names is not None:
-        arguments["names"] = list(file_names)
-    if rate is not None:
-        arguments["rate"] = float(rate)
+    arguments = _arguments(file_names, names, rate)
     if is_6dof:
         rotations, translations, residuals = qualisys_poses.poses_of(table, layout, text.path)
         return recording.poses(
@@ -163,19 +133,167 @@ def read(
             arguments=arguments,
         )
     positions = table.values[:, len(layout.lead) :].reshape(len(table.values), -1, 3)
-    positions = np.where((positions == 0).all(axis=2, keepdims=True), np.nan, positions)
-    gone = np.asarray(np.isnan(positions).any(axis=2))
+    positions, origin = _with_gaps(positions, _origin_codes(header, len(file_names)))
     return recording.markers(
         text.path,
         NAME,
         file_names,
         timing.rate,
         positions,
-        origin=_origin(header, gone),
+        origin=origin,
         start_time=timing.start,
         events=events,
         arguments=arguments,
     )
+
+
+def stretches(
+    path: str | os.PathLike[str],
+    *,
+    names: Sequence[str] | None = None,
+    rate: float | None = None,
+    frames: int,
+) -> Iterator[MarkerTracks | PoseTracks]:
+    """Read a 3D export so many frames at a time; parameters and errors as for `read`.
+
+    A file that does not say its rate is gone through twice. A 6DOF export is read whole.
+
+    Yields
+    ------
+    MarkerTracks or PoseTracks
+        Together what `read` gives.
+    """
+    with TextFile(path) as text:
+        header, is_6dof, file_names, layout = _opened(text, names)
+        if is_6dof:
+            yield read(path, names=names, rate=rate)
+            return
+        said = _said_rate(header, layout.lead, rate)
+        time = layout.lead.index("time") if "time" in layout.lead else None
+        order = InOrder(
+            _blocks(text, header, layout),
+            layout.lead.index("frame") if "frame" in layout.lead else None,
+            time if rate is None else None,
+            text.path,
+        )
+        tables = iter(order)
+        first = next(tables)
+        if said is None:
+            said = _rate_of_all(path, names, layout)
+        made = recording.Stretches(
+            text.path,
+            NAME,
+            file_names,
+            said,
+            start_time=_start(first, layout.lead, text.path),
+            events=read_events(header, said),
+            arguments=_arguments(file_names, names, rate),
+        )
+        codes = _origin_codes(header, len(file_names))
+        for positions in rows_of(chain([first], tables), len(layout.lead), frames):
+            yield made.part(*_with_gaps(positions, codes))
+        made.finish()
+        if time is not None and rate is None:
+            check_rate_against_ends(
+                said,
+                float(first.values[0, time]),
+                float(order.last[0, time]),
+                order.rows,
+                decimals=first.decimals(time),
+                path=text.path,
+                line=int(order.line[0]),
+            )
+
+
+def _arguments(
+    file_names: tuple[str, ...], names: Sequence[str] | None, rate: float | None
+) -> dict[str, Any]:
+    """What the caller said, for the provenance."""
+    arguments: dict[str, Any] = {}
+    if names is not None:
+        arguments["names"] = list(file_names)
+    if rate is not None:
+        arguments["rate"] = float(rate)
+    return arguments
+
+
+def _with_gaps(
+    positions: FloatArray, codes: NDArray[np.uint8]
+) -> tuple[FloatArray, NDArray[np.uint8]]:
+    """Positions with NaN where the file has a gap, and the origin of every sample."""
+    positions = np.where((positions == 0).all(axis=2, keepdims=True), np.nan, positions)
+    gone = np.isnan(positions).any(axis=2)
+    return positions, np.where(gone, Origin.MISSING, codes).astype(np.uint8)
+
+
+def _blocks(text: TextFile, header: Header, layout: qualisys_poses.Layout) -> Iterator[NumberTable]:
+    return read_number_blocks(
+        text.blocks(),
+        layout.columns,
+        separator="\t",
+        first_line=header.first_row_line,
+        path=text.path,
+        expected_rows=header.count("NO_OF_FRAMES"),
+    )
+
+
+def _rate_of_all(
+    path: str | os.PathLike[str], names: Sequence[str] | None, layout: qualisys_poses.Layout
+) -> float:
+    """The rate that the times of all frames say."""
+    column = layout.lead.index("time")
+    with TextFile(path) as text, warnings.catch_warnings():
+        # What there is to warn of is told when the frames are read.
+        warnings.simplefilter("ignore", MocapFitWarning)
+        header, _, _, _ = _opened(text, names)
+        times: list[FloatArray] = []
+        lines: list[NDArray[np.intp]] = []
+        decimals = 0
+        for table in _blocks(text, header, layout):
+            decimals = decimals if times else table.decimals(column)
+            times.append(table.values[:, column].copy())
+            lines.append(table.lines)
+    return rate_from_times(
+        np.concatenate(times), decimals=decimals, path=text.path, lines=np.concatenate(lines)
+    )
+
+
+def _opened(
+    text: TextFile, names: Sequence[str] | None
+) -> tuple[Header, bool, tuple[str, ...], qualisys_poses.Layout]:
+    """The header, whether these are bodies, their names, and the columns of the rows."""
+    header = read_header(text)
+    if not header.first_row:
+        raise FileFormatError(
+            "the file ends before its first row of numbers",
+            path=text.path,
+            line=max(text.number, 1),
+            advice="Export or copy the recording again.",
+        )
+    _check_data_included(header)
+    is_6dof = _is_6dof(header, names)
+    noun = "body" if is_6dof else "marker"
+    file_names = recording.chosen_names(
+        _names_of(header, is_6dof),
+        names,
+        path=text.path,
+        noun=noun,
+        line=header.lines.get("BODY_NAMES" if is_6dof else "MARKER_NAMES"),
+    )
+    if file_names is None:
+        raise FileFormatError(
+            f"the file has no {noun} names: its header was switched off in the export",
+            path=text.path,
+            line=1,
+            advice="Give the names in the order of the columns (names=[...]) and the rate "
+            "(rate=..., in hertz), or export again with the header.",
+        )
+    _check_counts(header, len(file_names), is_6dof)
+    if is_6dof:
+        layout = qualisys_poses.layout_of(header, file_names)
+    else:
+        layout = _layout_of(header, file_names)
+    return header, is_6dof, file_names, layout
 
 
 @dataclass(frozen=True)
@@ -300,41 +418,54 @@ def _timing(
     path, lines = header.path, table.lines
     if "frame" in lead:
         check_consecutive(table.values[:, lead.index("frame")], path=path, lines=lines)
-    said = header.rate() if rate is None else checked_rate(rate, path=path)
+    said = _said_rate(header, lead, rate)
     if "time" not in lead:
-        if said is None:
-            raise FileFormatError(
-                "the file does not say its frame rate",
-                path=path,
-                line=header.lines.get("FREQUENCY"),
-                advice="Give it (rate=..., in hertz), or export again with the header or the "
-                "Time column.",
-            )
-        return _Timing(said, 0.0)
+        return _Timing(float(said or np.nan), 0.0)
     column = lead.index("time")
     times, decimals = table.values[:, column], table.decimals(column)
     if said is None:
         said = rate_from_times(times, decimals=decimals, path=path, lines=lines)
     elif rate is None:
         check_rate_against_times(said, times, decimals=decimals, path=path, lines=lines)
-    start = float(times[0])
+    return _Timing(said, _start(table, lead, path))
+
+
+def _start(table: NumberTable, lead: tuple[str, ...], path: Path) -> float:
+    """The time of the first frame; 0 where there are no times."""
+    if "time" not in lead:
+        return 0.0
+    start = float(table.values[0, lead.index("time")])
     if np.isnan(start):
-        raise FileFormatError("the first frame has no time", path=path, line=int(lines[0]))
-    return _Timing(said, start)
+        raise FileFormatError("the first frame has no time", path=path, line=int(table.lines[0]))
+    return start
 
 
-def _origin(header: Header, gone: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """The origin of every sample, `(frames, markers)`."""
-    origin = np.full(gone.shape, Origin.MEASURED, dtype=np.uint8)
+def _said_rate(header: Header, lead: tuple[str, ...], rate: float | None) -> float | None:
+    """The rate of the caller or of the header; None where the times must tell it."""
+    said = header.rate() if rate is None else checked_rate(rate, path=header.path)
+    if said is None and "time" not in lead:
+        raise FileFormatError(
+            "the file does not say its frame rate",
+            path=header.path,
+            line=header.lines.get("FREQUENCY"),
+            advice="Give it (rate=..., in hertz), or export again with the header or the "
+            "Time column.",
+        )
+    return said
+
+
+def _origin_codes(header: Header, markers: int) -> NDArray[np.uint8]:
+    """The origin of each marker's samples, `(markers,)`."""
+    codes = np.full(markers, Origin.MEASURED, dtype=np.uint8)
     types = header.values.get("TRAJECTORY_TYPES", ())
     line = header.lines.get("TRAJECTORY_TYPES")
-    if types and len(types) != gone.shape[1]:
+    if types and len(types) != markers:
         raise FileFormatError(
             "TRAJECTORY_TYPES does not have one word for each marker",
             path=header.path,
             line=line,
             found=len(types),
-            expected=gone.shape[1],
+            expected=markers,
             advice="The header is damaged; export the recording again.",
         )
     unknown = sorted({word for word in types if word.lower() not in ORIGINS})
@@ -346,6 +477,5 @@ def _origin(header: Header, gone: NDArray[np.bool_]) -> NDArray[np.uint8]:
             stacklevel=3,
         )
     for marker, word in enumerate(types):
-        origin[:, marker] = ORIGINS.get(word.lower(), Origin.MEASURED)
-    origin[gone] = Origin.MISSING
-    return origin
+        codes[marker] = ORIGINS.get(word.lower(), Origin.MEASURED)
+    return codes

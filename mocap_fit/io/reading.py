@@ -54,6 +54,9 @@ class Reader(Protocol):
 
         The names and the rate of the caller replace the file's own. Every problem is a
         `MocapFitError` that names the file.
+
+        A reader may also have ``stretches``, which takes a number of ``frames`` besides and gives
+        the tracks so many at a time, without holding more; see `mocap_fit.io.read_stretches`.
         """
 
 
@@ -179,7 +182,7 @@ def read_tracks(
     tracks = read(path, reader=reader, names=names, rate=rate)
     if isinstance(tracks, MarkerTracks):
         return tracks
-    raise _wrong_kind(path, tracks, "markers")
+    raise wrong_kind(path, tracks, "markers")
 
 
 def read_poses(
@@ -201,7 +204,7 @@ def read_poses(
     tracks = read(path, reader=reader, names=names, rate=rate)
     if isinstance(tracks, PoseTracks):
         return tracks
-    raise _wrong_kind(path, tracks, "poses of rigid bodies")
+    raise wrong_kind(path, tracks, "poses of rigid bodies")
 
 
 def describe(
@@ -263,7 +266,8 @@ def _reader(name: str) -> Reader:
     return reader
 
 
-def _wrong_kind(path: str | os.PathLike[str], tracks: Tracks, wanted: str) -> MocapFitError:
+def wrong_kind(path: str | os.PathLike[str], tracks: Tracks, wanted: str) -> MocapFitError:
+    """The error for a file that holds something else than is wanted."""
     if isinstance(tracks, MarkerTracks):
         found, advice = "markers", "Read it with read_tracks."
     elif isinstance(tracks, PoseTracks):

@@ -164,14 +164,7 @@ def markers(
         # NaN compares false, so that gaps do not matter.
         low = np.min(positions, axis=1, initial=np.inf, where=~np.isnan(positions))
         high = np.max(positions, axis=1, initial=-np.inf, where=~np.isnan(positions))
-        spread = float(np.max(high - low))
-        if 0 < spread < _SMALLEST:
-            warnings.warn(
-                f"{path}: the markers are never farther apart than {spread:.3g} mm: are these "
-                "metres? The reader takes millimetres; scale the recording if they are not",
-                MocapFitWarning,
-                stacklevel=4,
-            )
+        _warn_of_unit(path, float(np.max(high - low)))
     try:
         tracks = MarkerTracks(
             tuple(names),
@@ -185,13 +178,105 @@ def markers(
     except DataError as error:
         raise with_path(error, path) from None
     if not tracks.visible.any():
-        raise FileFormatError(
-            "no marker is seen in any frame",
-            path=path,
-            found=f"{tracks.frames} frames with gaps only",
-            advice="Export a recording whose markers are identified.",
-        )
+        raise _unseen(path, tracks.frames)
     return _with_read_step(tracks, path, reader, arguments)
+
+
+def _warn_of_unit(path: Path, spread: float) -> None:
+    """Warn where markers never spread farther than this many millimetres, if that is odd."""
+    if 0 < spread < _SMALLEST:
+        warnings.warn(
+            f"{path}: the markers are never farther apart than {spread:.3g} mm: are these "
+            "metres? The reader takes millimetres; scale the recording if they are not",
+            MocapFitWarning,
+            stacklevel=5,
+        )
+
+
+def _unseen(path: Path, frames: int) -> FileFormatError:
+    return FileFormatError(
+        "no marker is seen in any frame",
+        path=path,
+        found=f"{frames} frames with gaps only",
+        advice="Export a recording whose markers are identified.",
+    )
+
+
+class Stretches:
+    """Marker tracks of a file stretch by stretch; together they are what `markers` gives.
+
+    Parameters
+    ----------
+    path, reader, names, rate, start_time, events, arguments, unit_is_known
+        As for `markers`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        reader: str,
+        names: Sequence[str],
+        rate: float,
+        *,
+        start_time: float = 0.0,
+        events: Sequence[Event] = (),
+        arguments: Mapping[str, Any] | None = None,
+        unit_is_known: bool = False,
+    ) -> None:
+        self._path, self._reader, self._arguments = path, reader, arguments
+        self._names, self._rate, self._start = tuple(names), rate, start_time
+        self._events, self._unit_is_known = tuple(events), unit_is_known
+        self._frames, self._seen, self._spread = 0, False, 0.0
+
+    def part(self, positions: FloatArray, origin: NDArray[np.uint8] | None = None) -> MarkerTracks:
+        """The next stretch: `(frames, markers, 3)` and `(frames, markers)`.
+
+        Raises
+        ------
+        MocapFitError
+            With the file's name, if it is impossible.
+        """
+        _check_size(self._path, positions, self._frames)
+        if not self._unit_is_known and len(self._names) >= 3:
+            low = np.min(positions, axis=1, initial=np.inf, where=~np.isnan(positions))
+            high = np.max(positions, axis=1, initial=-np.inf, where=~np.isnan(positions))
+            self._spread = max(self._spread, float(np.max(high - low)))
+        try:
+            tracks = MarkerTracks(
+                self._names,
+                self._rate,
+                positions,
+                origin,  # type: ignore[arg-type]
+                start_time=self._start + self._frames / self._rate,
+                name=self._path.stem,
+                events=self._events,
+            )
+        except DataError as error:
+            raise with_path(error, self._path) from None
+        self._seen = self._seen or bool(tracks.visible.any())
+        self._frames += tracks.frames
+        return _with_read_step(tracks, self._path, self._reader, self._arguments)
+
+    def finish(self) -> None:
+        """Say what only the whole recording shows.
+
+        Raises
+        ------
+        FileFormatError
+            If there was no frame, or no marker in any.
+
+        Warns
+        -----
+        MocapFitWarning
+            If the unit is probably not the millimetre.
+        """
+        if not self._frames:
+            raise FileFormatError(
+                "the recording has no frames", path=self._path, expected="one or more"
+            )
+        _warn_of_unit(self._path, self._spread)
+        if not self._seen:
+            raise _unseen(self._path, self._frames)
 
 
 def poses(
@@ -238,12 +323,12 @@ def poses(
     return _with_read_step(tracks, path, reader, arguments)
 
 
-def _check_size(path: Path, positions: FloatArray) -> None:
+def _check_size(path: Path, positions: FloatArray, before: int = 0) -> None:
     if len(positions) == 0:
         raise FileFormatError("the recording has no frames", path=path, expected="one or more")
     far = np.abs(positions) > _FARTHEST
     if far.any():
-        frame = int(np.argwhere(far)[0][0])
+        frame = before + int(np.argwhere(far)[0][0])
         raise FileFormatError(
             "a position is not possible",
             path=path,

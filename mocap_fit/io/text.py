@@ -7,6 +7,7 @@ what it seems costs neither time nor space.
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from types import TracebackType
@@ -208,6 +209,47 @@ class TextFile:
         if zero >= 0:
             raise self._damaged(self.number + 1 + block.count(b"\n", 0, zero))
         return block
+
+    def blocks(self, size: int = 2**22) -> Iterator[bytes]:
+        """All that follows, as `rest` gives it, in blocks of whole lines.
+
+        Parameters
+        ----------
+        size
+            Bytes that are read at once.
+
+        Raises
+        ------
+        FileFormatError
+            As `rest`; also if a line is longer than `LONGEST_LINE`.
+        """
+        left, self._waiting = self._waiting or b"", None
+        ended = False
+        while not ended:
+            try:
+                read = self._file.read(size)
+            except OSError as error:
+                raise unreadable(self.path, error) from None
+            ended = not read
+            block = left + read
+            cut = len(block) if ended else block.rfind(b"\n") + 1
+            block, left = block[:cut], block[cut:]
+            if len(left) > LONGEST_LINE:
+                raise FileFormatError(
+                    "the line is too long",
+                    path=self.path,
+                    line=self.number + block.count(b"\n") + 1,
+                    found=f"more than {LONGEST_LINE // 2**20} MB",
+                    advice="Check that it is the file you mean.",
+                )
+            if b"\r" in block:
+                block = block.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+            zero = block.find(b"\0")
+            if zero >= 0:
+                raise self._damaged(self.number + 1 + block.count(b"\n", 0, zero))
+            if block:
+                yield block
+                self.number += block.count(b"\n")
 
     def _raw(self) -> bytes | None:
         if self._waiting is not None:

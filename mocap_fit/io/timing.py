@@ -95,16 +95,37 @@ def check_rate_against_times(
         If they contradict each other, or a time is missing or does not grow.
     """
     check_growing(times, "time", path=path, lines=lines)
-    if len(times) < 2:
+    check_rate_against_ends(
+        rate,
+        float(times[0]),
+        float(times[-1]),
+        len(times),
+        decimals=decimals,
+        path=path,
+        line=int(lines[-1]),
+    )
+
+
+def check_rate_against_ends(
+    rate: float, first: float, last: float, frames: int, *, decimals: int, path: Path, line: int
+) -> None:
+    """As `check_rate_against_times`, where the first and the last time are all that is at hand.
+
+    Raises
+    ------
+    FileFormatError
+        If they contradict each other.
+    """
+    if frames < 2:
         return
-    duration = float(times[-1] - times[0])
-    expected = (len(times) - 1) / rate
+    duration = last - first
+    expected = (frames - 1) / rate
     if abs(duration - expected) > 0.01 * expected + 2.0 * 10.0**-decimals:
         raise FileFormatError(
             "the header's rate and the times of the frames contradict each other",
             path=path,
-            line=int(lines[-1]),
-            found=f"{rate:g} Hz and {(len(times) - 1) / duration:.6g} Hz",
+            line=line,
+            found=f"{rate:g} Hz and {(frames - 1) / duration:.6g} Hz",
             advice="Find out which is right, and give it (rate=..., in hertz).",
         )
 

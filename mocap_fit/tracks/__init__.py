@@ -3,7 +3,7 @@
 from mocap_fit.tracks.filtering import resample, smooth
 from mocap_fit.tracks.gaps import GapReport, MarkerGaps, fill_gaps, gap_report
 from mocap_fit.tracks.rigid import rigid_transform, rigid_transforms, similarity_transform, spread
-from mocap_fit.tracks.storage import from_frame, read_parquet, to_frame, write_parquet
+from mocap_fit.tracks.storage import from_frame, read_parquet, read_provenance, to_frame
 from mocap_fit.tracks.types import (
     Event,
     FloatArray,
@@ -14,6 +14,7 @@ from mocap_fit.tracks.types import (
     Provenance,
     Step,
 )
+from mocap_fit.tracks.writing import TracksWriter, write_parquet
 
 __all__ = [
     "Event",
@@ -26,10 +27,12 @@ __all__ = [
     "PoseTracks",
     "Provenance",
     "Step",
+    "TracksWriter",
     "fill_gaps",
     "from_frame",
     "gap_report",
     "read_parquet",
+    "read_provenance",
     "resample",
     "rigid_transform",
     "rigid_transforms",

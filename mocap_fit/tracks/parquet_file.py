@@ -6,10 +6,13 @@ all, and one that is damaged is refused in words.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
 
 from mocap_fit.errors import FileFormatError
 from mocap_fit.whole_file import whole_file
@@ -19,6 +22,9 @@ if TYPE_CHECKING:
 
 FORMAT_VERSION = 1
 _KEY = b"mocap_fit"
+
+ROW_GROUP = 16384
+"""Rows of a group: readers, and writers of long tables, hold one at a time."""
 
 
 def write_table(
@@ -41,15 +47,65 @@ def write_table(
     FileFormatError
         If the file cannot be written.
     """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
+    with TableWriter(path) as writer:
+        writer.write(columns, description)
 
-    text = json.dumps(
-        {"format_version": FORMAT_VERSION, **description}, sort_keys=True, ensure_ascii=False
-    )
-    table = pa.table(dict(columns)).replace_schema_metadata({_KEY: text.encode()})
-    with whole_file(path) as partial:
-        pq.write_table(table, partial, compression="zstd", write_page_checksum=True)
+
+class TableWriter:
+    """Writes a table piece by piece; the file is there when all is written, or not at all.
+
+    Use it in a ``with`` statement; what was written so far goes where an error ends it.
+
+    Parameters
+    ----------
+    path
+        The file; one that exists is replaced.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be written.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._path, self._open = path, contextlib.ExitStack()
+        self._partial: Path | None = None
+        self._writer: Any = None
+
+    def __enter__(self) -> Self:
+        self._partial = self._open.enter_context(whole_file(self._path))
+        return self
+
+    def write(self, columns: Mapping[str, Any], description: Mapping[str, Any]) -> None:
+        """Add rows; pieces of `ROW_GROUP` rows give the bytes of the table in one piece.
+
+        The description is that of the first piece.
+        """
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        table = pa.table(dict(columns))
+        if self._writer is None:
+            text = json.dumps(
+                {"format_version": FORMAT_VERSION, **description},
+                sort_keys=True,
+                ensure_ascii=False,
+            )
+            schema = table.schema.with_metadata({_KEY: text.encode()})
+            self._writer = self._open.enter_context(
+                pq.ParquetWriter(
+                    self._partial, schema, compression="zstd", write_page_checksum=True
+                )
+            )
+        self._writer.write_table(table.cast(self._writer.schema), row_group_size=ROW_GROUP)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._open.__exit__(kind, error, traceback)
 
 
 def kind_of(path: str | os.PathLike[str]) -> str | None:
@@ -101,17 +157,42 @@ def read_table(
         If the file cannot be opened, is not Parquet, is cut short, was not written by
         mocap-fit, or by a later format than this one knows.
     """
-    import pyarrow as pa
     import pyarrow.parquet as pq
 
+    with _in_words(path), open(path, "rb") as stream:
+        table = pq.read_table(
+            stream,
+            page_checksum_verification=True,
+            # Damaged files have ended the process from within a thread.
+            use_threads=False,
+        )
+    return table, _described(table.schema, path, kinds, noun, advice)
+
+
+def look_through(
+    path: str | os.PathLike[str], kinds: Sequence[str], noun: str, advice: str
+) -> dict[str, Any]:
+    """The description of a file; all of it is read and let go, a group of rows at a time.
+
+    Parameters and errors are those of `read_table`.
+    """
+    import pyarrow.parquet as pq
+
+    with _in_words(path), open(path, "rb") as stream:
+        file = pq.ParquetFile(stream, page_checksum_verification=True)
+        schema = file.schema_arrow
+        for group in range(file.num_row_groups):
+            file.read_row_group(group, use_threads=False)
+    return _described(schema, path, kinds, noun, advice)
+
+
+@contextlib.contextmanager
+def _in_words(path: str | os.PathLike[str]) -> Iterator[None]:
+    """What pyarrow and the system say of a file that cannot be read, as our error."""
+    import pyarrow as pa
+
     try:
-        with open(path, "rb") as stream:
-            table = pq.read_table(
-                stream,
-                page_checksum_verification=True,
-                # Damaged files have ended the process from within a thread.
-                use_threads=False,
-            )
+        yield
     except pa.ArrowException as error:
         raise FileFormatError(
             "this is not a whole Parquet file",
@@ -123,12 +204,18 @@ def read_table(
         # Pyarrow says damaged content as OSError too, but without the number of a system error.
         problem = "the file cannot be read" if error.errno else "this is not a whole Parquet file"
         raise FileFormatError(problem, path=path, found=error.strerror or error) from None
-    text = (table.schema.metadata or {}).get(_KEY)
+
+
+def _described(
+    schema: pa.Schema, path: str | os.PathLike[str], kinds: Sequence[str], noun: str, advice: str
+) -> dict[str, Any]:
+    """The description in a schema, checked."""
+    text = (schema.metadata or {}).get(_KEY)
     if text is None:
         raise FileFormatError(
             f"this Parquet file does not hold {noun} of mocap-fit",
             path=path,
-            found=f"columns {', '.join(table.column_names)}",
+            found=f"columns {', '.join(schema.names)}",
             advice=advice,
         )
     try:
@@ -148,7 +235,7 @@ def read_table(
         raise FileFormatError(
             f"this file cannot be used as {noun}", path=path, found=kind, expected=", ".join(kinds)
         )
-    return table, description
+    return dict(description)
 
 
 def damaged(path: str | os.PathLike[str], error: Exception) -> FileFormatError:

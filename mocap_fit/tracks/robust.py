@@ -9,6 +9,7 @@ answer is plain least squares, which is the best there is for Gaussian noise.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mocap_fit.errors import DataError
 from mocap_fit.tracks.rigid import rigid_transforms
+from mocap_fit.tracks.thinned import Thinned
 from mocap_fit.tracks.types import FloatArray
 
 #: How often a clean frame may lose a point by mistake.
@@ -27,10 +29,12 @@ LEAST_NOISE = 1e-3
 _SUSPICIOUS, _OBVIOUS = 2.0, 8.0
 # The better of two explanations must be a hundred times more likely than the other.
 _CLEAR_DIFFERENCE = 2.0 * np.log(100.0)
-# Frames that are looked at to learn the noise.
-_SAMPLE = 1000
+# Frames that are looked at to learn the noise, at most, and that are simulated.
+_MOST, _SAMPLE = 2000, 1000
 # Known frames on each side that a frame is compared with.
 _NEARBY = 12
+#: They are looked for no farther than this many frames away.
+REACH = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +115,11 @@ class _Pattern:
         return np.asarray(np.einsum("fki,kij,fkj->fk", white, self.inverse, white))
 
 
+@lru_cache(maxsize=256)
+def _pattern(source: bytes, weights: bytes) -> _Pattern:
+    return _Pattern(np.frombuffer(source).reshape(-1, 3), np.frombuffer(weights))
+
+
 def _limit(freedom: int, noise_freedom: float, tests: int) -> float:
     """Largest sum of squares, in units of the noise's variance, that chance explains."""
     from scipy.special import fdtri
@@ -149,46 +158,65 @@ def _noise(source: FloatArray, target: FloatArray, weights: FloatArray) -> tuple
     ninth decile those whose errors come in stretches; it counts for up to twice the noise of the
     median, because two markers that exchange their names may be in it too.
     """
-    count = source.shape[0]
-    step = max(1, len(target) // _SAMPLE)
-    sample = target[::step]
-    squares = np.min(
-        [_sums_of_squares(source, sample, weights, _without(count, (k,))) for k in range(count)],
-        axis=0,
+    rotations, translations, residuals = rigid_transforms(source, target, weights)
+    usable = np.flatnonzero(~np.isnan(residuals))
+    if not usable.size:
+        return np.nan, 0.0
+    count, target = source.shape[0], target[usable]
+    gains = _pattern(source.tobytes(), weights.tobytes()).gains(
+        _point_residuals(source, target, rotations[usable], translations[usable])
     )
+    worst = gains.argmax(axis=1)
+    squares = np.full(len(usable), np.inf)
+    for point in range(count):
+        frames = worst == point
+        if frames.any():
+            left = _without(count, (point,))
+            squares[frames] = _sums_of_squares(source, target[frames], weights, left)
     squares = squares[np.isfinite(squares)]
     if not squares.size:
         return np.nan, 0.0
-    pattern = _Pattern(source, weights)
+    unit = _simulated(source.tobytes(), weights.tobytes())
+    median, decile = (
+        max(float(np.quantile(squares, q) / of_noise), LEAST_NOISE**2)
+        for q, of_noise in zip((0.5, 0.9), unit, strict=True)
+    )
+    return max(median, min(decile, 4 * median)), float(len(squares) * (3 * count - 9))
+
+
+@lru_cache(maxsize=64)
+def _simulated(source: bytes, weights: bytes) -> tuple[float, float]:
+    """Median and ninth decile of the sum of squares without the worst point, of unit noise."""
+    pattern = _pattern(source, weights)
+    count = len(pattern.projection) // 3
     draws = np.random.default_rng(0).standard_normal((_SAMPLE, 3 * count))
     white = draws @ pattern.projection
     unit = np.sum(white**2, axis=1) - pattern.gains(
         white.reshape(_SAMPLE, count, 3) / pattern.root[:, None]
     ).max(axis=1)
-    median, decile = (
-        max(float(np.quantile(squares, q) / np.quantile(unit, q)), LEAST_NOISE**2)
-        for q in (0.5, 0.9)
-    )
-    return max(median, min(decile, 4 * median)), float(len(squares) * (3 * count - 9))
+    median, decile = np.quantile(unit, (0.5, 0.9))
+    return float(median), float(decile)
 
 
 def _judge(
     source: FloatArray,
     target: FloatArray,
     weights: FloatArray,
+    poses: tuple[FloatArray, FloatArray, FloatArray],
     variance: float,
     noise_freedom: float,
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
     """Which points are bad, `(frames, points)`, where that is known, and obvious, `(frames,)`.
 
-    All frames show all the points given. The fewest points whose absence explains the frame are
-    left out, at most two; where two explanations are about as good, nothing is decided.
+    All frames show all the points given; ``poses`` are their rotations, translations and
+    residuals. The fewest points whose absence explains the frame are left out, at most two; where
+    two explanations are about as good, nothing is decided.
     """
     frames, count = target.shape[:2]
     bad = np.zeros((frames, count), dtype=bool)
     known = np.ones(frames, dtype=bool)
-    rotations, translations, residuals = rigid_transforms(source, target, weights)
-    gains = _Pattern(source, weights).gains(
+    rotations, translations, residuals = poses
+    gains = _pattern(source.tobytes(), weights.tobytes()).gains(
         _point_residuals(source, target, rotations, translations)
     )
     limit = variance * _limit(3, noise_freedom, count)
@@ -240,9 +268,14 @@ def _with_neighbours(
     if not len(where) or not bad.any():
         return bad
     sums = np.concatenate([np.zeros((1, bad.shape[1])), np.cumsum(bad[where], axis=0)])
-    place = np.searchsorted(where, np.arange(len(bad)))
-    first = np.clip(place - _NEARBY, 0, len(where))
-    last = np.clip(place + _NEARBY + known, 0, len(where))
+    frames = np.arange(len(bad))
+    place = np.searchsorted(where, frames)
+    nearest, farthest = (
+        np.searchsorted(where, frames - REACH),
+        np.searchsorted(where, frames + REACH, side="right"),
+    )
+    first = np.clip(place - _NEARBY, nearest, None)
+    last = np.clip(place + _NEARBY + known, None, farthest)
     most = 2 * (sums[last] - sums[first]) > (last - first)[:, None]
     return np.asarray((bad & obvious[:, None]) | (most & seen))
 
@@ -259,8 +292,52 @@ def _remaining_noise(residuals: FloatArray, weights: FloatArray) -> float:
     return float(np.sqrt(np.median(squares / middle)))
 
 
+class NoiseSample:
+    """What of a recording tells the noise of its points; it may come in parts.
+
+    Parameters
+    ----------
+    source
+        `(points, 3)`, the body's shape.
+    weights
+        `(points,)`.
+    """
+
+    def __init__(self, source: FloatArray, weights: FloatArray) -> None:
+        self._source, self._weights = source, weights
+        self._there = ~np.isnan(source).any(axis=1) & (weights > 0)
+        # Frames that show the same points, by which points these are.
+        self._patterns: dict[tuple[bool, ...], Thinned] = {}
+
+    def add(self, target: FloatArray) -> None:
+        """Take the next frames, `(frames, points, 3)`."""
+        seen = self._there & ~np.isnan(target).any(axis=2)
+        enough = np.flatnonzero(seen.sum(axis=1) >= 4)
+        if not enough.size:
+            return
+        patterns, which = np.unique(seen[enough], axis=0, return_inverse=True)
+        for number, pattern in enumerate(patterns):
+            kept = self._patterns.setdefault(tuple(pattern.tolist()), Thinned(_MOST))
+            kept.add(target[enough[which.reshape(-1) == number]][:, pattern])
+
+    def noise(self) -> tuple[float, float]:
+        """Variance of a coordinate of a point of weight 1, and its degrees of freedom.
+
+        NaN and 0 where no frame can tell.
+        """
+        if not self._patterns:
+            return np.nan, 0.0
+        commonest = max(sorted(self._patterns), key=lambda shown: self._patterns[shown].count)
+        chosen = np.flatnonzero(commonest)
+        rows = self._patterns[commonest].rows
+        return _noise(self._source[chosen], rows, self._weights[chosen])
+
+
 def robust_rigid_transforms(
-    source: ArrayLike, target: ArrayLike, weights: ArrayLike | None = None
+    source: ArrayLike,
+    target: ArrayLike,
+    weights: ArrayLike | None = None,
+    noise: tuple[float, float] | None = None,
 ) -> RigidFit:
     """Find the rigid transform of every frame, leaving bad points out.
 
@@ -272,6 +349,9 @@ def robust_rigid_transforms(
         `(frames, points, 3)`; NaN where a point is not seen.
     weights
         `(points,)`: reciprocals of the points' relative variances; all 1 when not given.
+    noise
+        From a `NoiseSample` of the whole recording, where these frames are a part of it. A part
+        needs `REACH` frames more on each side to get the same answers.
 
     Returns
     -------
@@ -309,16 +389,17 @@ def robust_rigid_transforms(
         patterns, number = np.unique(seen[known], axis=0, return_inverse=True)
         number = number.reshape(-1)
         frames = np.flatnonzero(known)
-        commonest = int(np.argmax(np.bincount(number)))
-        chosen = np.flatnonzero(patterns[commonest])
-        variance, freedom = _noise(
-            points[chosen], goals[np.ix_(frames[number == commonest], chosen)], base[chosen]
-        )
+        variance, freedom = _learnt(points, goals, base) if noise is None else noise
         if np.isfinite(variance):
             for index, pattern in enumerate(patterns):
                 chosen, part = np.flatnonzero(pattern), frames[number == index]
                 found, sure, clear = _judge(
-                    points[chosen], goals[np.ix_(part, chosen)], base[chosen], variance, freedom
+                    points[chosen],
+                    goals[np.ix_(part, chosen)],
+                    base[chosen],
+                    (rotations[part], translations[part], residuals[part]),
+                    variance,
+                    freedom,
                 )
                 bad[np.ix_(part, chosen)] = found
                 known[part], obvious[part] = sure, clear
@@ -329,5 +410,11 @@ def robust_rigid_transforms(
         rotations[again], translations[again], residuals[again] = rigid_transforms(
             points, goals[again], weight[again]
         )
-    noise = _remaining_noise(residuals, weight)
-    return RigidFit(rotations, translations, residuals, weight, bad, noise)
+    left = _remaining_noise(residuals, weight)
+    return RigidFit(rotations, translations, residuals, weight, bad, left)
+
+
+def _learnt(source: FloatArray, target: FloatArray, weights: FloatArray) -> tuple[float, float]:
+    sample = NoiseSample(source, weights)
+    sample.add(target)
+    return sample.noise()

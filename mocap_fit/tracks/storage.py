@@ -21,16 +21,16 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from mocap_fit.errors import DataError, FileFormatError
-from mocap_fit.tracks.parquet_file import damaged, kind_of, read_table, write_table
+from mocap_fit.tracks.parquet_file import damaged, kind_of, look_through, read_table
 from mocap_fit.tracks.types import (
     Event,
     MarkerTracks,
     Origin,
     ParameterTracks,
     PoseTracks,
+    Provenance,
     Step,
 )
 
@@ -63,7 +63,7 @@ def _column_names(kind: Kind, names: tuple[str, ...]) -> list[str]:
     return [f"{name}_{part}" for name in names for part in (*_AXES, *_MATRIX, "residual_mm")]
 
 
-def _columns(tracks: Tracks) -> Columns:
+def columns_of(tracks: Tracks) -> Columns:
     """The columns after `utterance`, by name."""
     kind = _kind(tracks)
     names = _column_names(kind, tracks.names)
@@ -103,7 +103,8 @@ def _plain(value: object) -> object:
     )
 
 
-def _metadata(tracks: Tracks) -> dict[str, Any]:
+def metadata_of(tracks: Tracks) -> dict[str, Any]:
+    """What a table cannot hold, as values that JSON can."""
     described = {
         "kind": _kind(tracks),
         "name": tracks.name,
@@ -197,9 +198,9 @@ def to_frame(tracks: Tracks) -> pd.DataFrame:
     """
     import pandas as pd
 
-    frame = pd.DataFrame({"utterance": tracks.name, **_columns(tracks)})
+    frame = pd.DataFrame({"utterance": tracks.name, **columns_of(tracks)})
     frame["utterance"] = frame["utterance"].astype(str)
-    frame.attrs[_KEY] = _metadata(tracks)
+    frame.attrs[_KEY] = metadata_of(tracks)
     return frame
 
 
@@ -320,48 +321,6 @@ def _guessed(frame: pd.DataFrame, kind: Kind | None, rate: float | None) -> dict
     }
 
 
-def write_parquet(
-    tracks: Tracks,
-    path: str | os.PathLike[str],
-    extra_columns: Mapping[str, ArrayLike] | None = None,
-) -> None:
-    """Write tracks as one Parquet file, whole or not at all.
-
-    Parameters
-    ----------
-    tracks
-        Markers, poses or parameters.
-    path
-        The file; one that exists is replaced.
-    extra_columns
-        More columns of `(frames,)` each, for other programs; `read_parquet` leaves them out.
-
-    Raises
-    ------
-    DataError
-        If two columns would have one name, or an extra one has the wrong length.
-    FileFormatError
-        If the file cannot be written.
-    """
-    import pyarrow as pa
-
-    columns: Columns = _columns(tracks)
-    for name, values in (extra_columns or {}).items():
-        array = np.asarray(values)
-        if name in columns or name == "utterance":
-            raise DataError("two columns of the table would have one name", found=name)
-        if array.shape != (tracks.frames,):
-            raise DataError(
-                f"the column '{name}' has the wrong length",
-                found=array.shape,
-                expected=(tracks.frames,),
-            )
-        columns[name] = array
-    arrays = {"utterance": pa.array([tracks.name] * tracks.frames, type=pa.string())}
-    arrays.update({name: pa.array(np.ascontiguousarray(a)) for name, a in columns.items()})
-    write_table(arrays, _metadata(tracks), path)
-
-
 def is_tracks_file(path: str | os.PathLike[str]) -> bool:
     """Whether a file is Parquet that `write_parquet` wrote."""
     return kind_of(path) in _KINDS
@@ -403,3 +362,25 @@ def read_parquet(path: str | os.PathLike[str]) -> Tracks:
             found=error.found,
             expected=error.expected,
         ) from None
+
+
+def read_provenance(path: str | os.PathLike[str]) -> Provenance:
+    """The steps that led to the tracks that a file holds, without holding them.
+
+    The whole file is looked through nevertheless, a group of rows at a time, for damage.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Raises
+    ------
+    FileFormatError
+        As `read_parquet`.
+    """
+    description = look_through(path, _KINDS, "tracks", _ADVICE)
+    try:
+        return tuple(Step.from_dict(step) for step in description["provenance"])
+    except (KeyError, TypeError, AttributeError) as error:
+        raise damaged(path, error) from None

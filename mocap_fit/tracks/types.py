@@ -7,6 +7,7 @@ the steps that led to it.
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -131,7 +132,10 @@ class _Tracks:
 
     def with_step(self, step: str, arguments: Mapping[str, Any] | None = None) -> Self:
         """A copy whose provenance has one more step."""
-        return self.replace(provenance=(*self.provenance, Step(step, arguments or {})))
+        # Nothing else changes, and arrays cannot be written to: they are not checked again.
+        twin = copy.copy(self)
+        object.__setattr__(twin, "provenance", (*self.provenance, Step(step, arguments or {})))
+        return twin
 
     def index(self, name: str) -> int:
         """Position of a name among the names.

@@ -15,8 +15,7 @@ from mocap_fit.fitting.binding import virtual_markers
 from mocap_fit.fitting.objective import OBJECTIVES, cost
 
 kernel = pytest.importorskip("mocap_fit.fitting.kernel", reason="needs numba")
-from mocap_fit.fitting.slopes import jacobian, markers_of_frames  # noqa: E402
-from mocap_fit.fitting.slots import LANES, pack, pack_frames  # noqa: E402
+from mocap_fit.fitting.slots import LANES, SLOT, Slots, pack, pack_frames  # noqa: E402
 
 THRESHOLD = 4.0
 
@@ -136,13 +135,41 @@ CASES = st.builds(
 )
 
 
+class Kernel:
+    """The kernel with the room it works in."""
+
+    def __init__(self, slots: Slots) -> None:
+        self._slots, rows = slots, slots.blocks * SLOT
+        self._room, self._rows = np.full(slots.room, np.nan), np.full((1, rows), np.nan)
+        self._shares = np.full((1, slots.parameters, rows), np.nan)
+
+    def cost(
+        self, values: np.ndarray, frame: np.ndarray, objective: int, threshold: float
+    ) -> tuple[float, np.ndarray]:
+        slope = np.full(len(values), np.nan)
+        cost = kernel.evaluate(
+            self._slots.plan,
+            self._slots.numbers,
+            self._room,
+            values[None],
+            frame,
+            objective,
+            threshold,
+            self._rows,
+            self._shares,
+            slope,
+        )
+        return cost, slope
+
+    def slopes(self, values: np.ndarray) -> np.ndarray:
+        self.cost(values, np.zeros(0), kernel.SLOPES, 0.0)
+        return self._shares.copy()
+
+
 def in_kernel(case: Case, objective: str, values: np.ndarray) -> tuple[float, np.ndarray]:
-    slots = pack(case.binding)
     frame = pack_frames(case.targets[None], case.binding.weights)[0]
-    slope = np.full(len(values), np.nan)
     code = OBJECTIVES.index(objective)
-    room = kernel.make_room(slots)
-    return kernel.cost(slots, values, frame, code, THRESHOLD, room, slope), slope
+    return Kernel(pack(case.binding)).cost(values, frame, code, THRESHOLD)
 
 
 def in_numpy(case: Case, objective: str, values: np.ndarray) -> tuple[float, np.ndarray]:
@@ -174,9 +201,7 @@ def test_cost_and_gradient_are_those_of_numpy(case: Case, objective: str) -> Non
 def test_markers_and_jacobian_are_those_of_numpy(case: Case) -> None:
     slots = pack(case.binding)
     several = np.stack([case.values, -0.5 * case.values, np.zeros_like(case.values)])
-    found, slopes = markers_of_frames(
-        slots, kernel.make_room(slots), several, len(case.binding.names)
-    )
+    found, slopes = kernel.markers_of_frames(slots, several, len(case.binding.names))
     for i, values in enumerate(several):
         positions, expected = case.binding.evaluate(values)
         assert_close(found[i], positions)
@@ -255,7 +280,7 @@ def test_rings_of_any_mesh(fans: list[list[int]]) -> None:
         rings=np.array([*plain, *fans, *plain]),
     )
     slots = pack(binding)
-    found, slopes = markers_of_frames(slots, kernel.make_room(slots), case.values[None], 3)
+    found, slopes = kernel.markers_of_frames(slots, case.values[None], 3)
     positions, expected = binding.evaluate(case.values)
     assert_close(found[0], positions)
     assert_close(slopes[0], expected)
@@ -294,8 +319,7 @@ def test_angles_up_to_a_half_turn(angle: float) -> None:
     compiled.weights[0] = 1.0
     values = np.array([0.0 if angle == 0.0 else 1.0])
     slots = pack(case.binding)
-    room = kernel.make_room(slots)
-    found, slopes = markers_of_frames(slots, room, values[None], 9)
+    found, slopes = kernel.markers_of_frames(slots, values[None], 9)
     positions, expected = case.binding.evaluate(values)
     np.testing.assert_allclose(found[0], positions, atol=1e-12 * np.abs(positions).max())
     assert_close(slopes[0], expected)
@@ -314,13 +338,14 @@ def test_a_rotation_about_nothing_moves_nothing() -> None:
 def test_the_room_is_used_again() -> None:
     """What an earlier frame left in the room does not show in a later one."""
     case = make_case(23, list(Kind), 35, 4)
-    slots, weights = pack(case.binding), case.binding.weights
-    frame = pack_frames(case.targets[None], weights)[0]
-    room, slope = kernel.make_room(slots), np.zeros(4)
-    before = kernel.cost(slots, case.values, frame, 0, 1.0, room, slope), slope.copy()
-    kernel.cost(slots, np.full(4, np.nan), frame, 0, 1.0, room, slope)
-    kernel.cost(slots, -case.values, frame, 1, 1.0, room, slope)
-    jacobian(slots, -case.values, room)
-    after = kernel.cost(slots, case.values, frame, 0, 1.0, room, slope), slope.copy()
+    frame = pack_frames(case.targets[None], case.binding.weights)[0]
+    used = Kernel(pack(case.binding))
+    before = used.cost(case.values, frame, 0, 1.0)
+    slopes = used.slopes(case.values)
+    used.cost(np.full(4, np.nan), frame, 0, 1.0)
+    used.cost(-case.values, frame, 1, 1.0)
+    used.slopes(-case.values)
+    after = used.cost(case.values, frame, 0, 1.0)
     assert before[0] == after[0]
     np.testing.assert_array_equal(before[1], after[1])
+    np.testing.assert_array_equal(used.slopes(case.values), slopes)

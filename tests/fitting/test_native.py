@@ -18,7 +18,6 @@ from mocap_fit.tracks import MarkerTracks
 
 native = pytest.importorskip("mocap_fit.fitting.native", reason="needs numba")
 from mocap_fit.fitting.compiled_solver import CompiledSolver  # noqa: E402
-from mocap_fit.fitting.kernel import make_room  # noqa: E402
 from mocap_fit.fitting.slots import pack, pack_frames  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
@@ -116,11 +115,11 @@ def test_solvers_leave_nothing(binding: Binding, monkeypatch) -> None:
     monkeypatch.setattr(library, "nlopt_create", counting_create)
     monkeypatch.setattr(library, "nlopt_destroy", counting_destroy)
     slots, bounds = pack(binding), np.ascontiguousarray(binding.rig.bounds)
-    frame = pack_frames(binding.evaluate(binding.reference_parameters)[0][None], binding.weights)[0]
+    frames = pack_frames(binding.evaluate(binding.reference_parameters)[0][None], binding.weights)
+    start, free = np.full((1, 10), 0.1), np.zeros((1, 10), dtype=bool)
     for _ in range(1000):
         solver = native.NativeSolver(
             slots,
-            make_room(slots),
             objective=0,
             threshold=1.0,
             algorithm=nlopt.LD_SLSQP,
@@ -129,8 +128,8 @@ def test_solvers_leave_nothing(binding: Binding, monkeypatch) -> None:
             tolerances=(1e-7, 1e-11),
             maximum_evaluations=1,
         )
-        solver.solve(frame, np.full(10, 0.1), None)
-        assert solver.evaluations >= 1
+        _, _, evaluations, _ = solver.solve(frames, start, start[0], free)
+        assert evaluations[0] >= 1
     # No more than the last, and nothing waits for the garbage collector.
     assert made == 1000
     assert len(alive) == 1

@@ -114,8 +114,9 @@ def test_newton_and_nlopt_agree(binding: Binding, rng, objective, monkeypatch) -
     reach = np.ptp(binding.rig.bounds, axis=1)
     apart = np.abs(newton.parameters.values - nlopt.parameters.values) / reach
     assert apart.max() < 1e-3
-    # To Newton a distance is a nanometre at least; where one is nil, that shows.
-    np.testing.assert_allclose(newton.costs, nlopt.costs, rtol=1e-7)
+    # To Newton a distance is a nanometre at least, and nlopt stops short where one is nil.
+    np.testing.assert_allclose(newton.costs, nlopt.costs, rtol=1e-5)
+    assert np.median(np.abs(newton.costs / nlopt.costs - 1.0)) < 1e-9
 
 
 def test_the_default_is_as_low_as_newton_alone(binding: Binding, rng) -> None:

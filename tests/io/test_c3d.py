@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mocap_fit.errors import FileFormatError, MocapFitWarning
-from mocap_fit.io import read_tracks
+from mocap_fit.io import read_stretches, read_tracks
 from mocap_fit.tracks import Event, Origin
 
 
@@ -149,3 +149,40 @@ def test_damage_does_not_end_the_program(seed: int, recordings: Path, tmp_path: 
                 outcomes.add(0)
     assert 0 in outcomes
     assert outcomes <= {0, 12}
+
+
+@pytest.mark.parametrize("how", ["LONG_FRAMES", "TRIAL"])
+def test_more_frames_than_sixteen_bits_hold(tmp_path: Path, how: str) -> None:
+    """The header can say 65,535 at most; two other places can say more."""
+    import struct
+
+    import ezc3d
+
+    frames, points = 70_000, 3
+    content = ezc3d.c3d()
+    content["parameters"]["POINT"]["RATE"]["value"] = [250.0]
+    content["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
+    content["parameters"]["POINT"]["LABELS"]["value"] = ["a", "b", "c"]
+    if how == "TRIAL":
+        content.add_parameter("TRIAL", "ACTUAL_START_FIELD", [1, 0])
+        content.add_parameter("TRIAL", "ACTUAL_END_FIELD", [frames % 65536, frames // 65536])
+    else:
+        content.add_parameter("POINT", "LONG_FRAMES", [float(frames)])
+    content["data"]["points"] = np.ones((4, points, 1))
+    path = tmp_path / "long.c3d"
+    content.write(str(path))
+    head = bytearray(path.read_bytes())
+    head = head[: (struct.unpack_from("<H", head, 16)[0] - 1) * 512]
+    struct.pack_into("<HH", head, 6, 1, 65535)
+    numbers = np.zeros((frames, points, 4), "<f4")
+    numbers[:, :, 0] = np.arange(frames)[:, None]
+    numbers[5, 1, 3] = -1.0
+    path.write_bytes(bytes(head) + numbers.tobytes())
+    tracks = read_tracks(path)
+    assert tracks.frames == frames
+    np.testing.assert_array_equal(tracks.positions[:, 0, 0], np.arange(frames))
+    assert np.argwhere(~tracks.visible).tolist() == [[5, 1]]
+    parts = list(read_stretches(path, frames=30_000))
+    assert [part.frames for part in parts] == [30_000, 30_000, 10_000]
+    assert parts[2].start_time == 240.0
+    assert parts[2].positions[-1, 2, 0] == frames - 1

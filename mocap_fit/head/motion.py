@@ -15,18 +15,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mocap_fit.errors import DataError, MocapFitWarning
+from mocap_fit.head.reference import (
+    Findings,
+    Survey,
+    check_sizes,
+    chosen_reference,
+    thinned,
+    weights_of,
+)
 from mocap_fit.tracks import FloatArray, MarkerTracks, Origin, PoseTracks
-from mocap_fit.tracks.rigid import refusal, spread
-from mocap_fit.tracks.rigid_sets import find_reference_markers as find_reference_markers
-from mocap_fit.tracks.rigid_sets import mean_shape
 from mocap_fit.tracks.robust import pose_information, robust_rigid_transforms
-
-# Reference and recording must agree in size within this factor, or a unit is wrong.
-_LARGEST_RATIO = 2.0
-# A residual above this part of the set's length means another shape, not noise.
-_LARGEST_RESIDUAL = 0.1
-# Frames that are looked at to compare sizes.
-_SAMPLE = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,122 +122,6 @@ class HeadMotion:
         return "\n".join(lines)
 
 
-def _chosen_reference(
-    recording: MarkerTracks,
-    reference: MarkerTracks | ArrayLike | None,
-    names: Sequence[str] | None,
-) -> tuple[tuple[str, ...], FloatArray]:
-    """Names of the reference markers and their positions in head coordinates."""
-    if names is not None and len(set(names)) != len(names):
-        raise DataError("a reference marker is named twice", found=", ".join(names))
-    if reference is not None and not isinstance(reference, MarkerTracks):
-        chosen = recording.names if names is None else tuple(names)
-        points = np.asarray(reference, dtype=np.float64)
-        if points.shape != (len(chosen), 3):
-            raise DataError(
-                "the reference pose has the wrong shape",
-                found=points.shape,
-                expected=f"({len(chosen)}, 3), a row for each of {', '.join(chosen)}",
-            )
-        pose = dict(zip(chosen, points, strict=True))
-    elif reference is not None:
-        middle = _median(reference.positions)
-        pose = dict(zip(reference.names, middle, strict=True))
-        if names is None:
-            shared = tuple(name for name in recording.names if name in pose)
-            if len(shared) < 3:
-                raise DataError(
-                    "recording and reference pose share too few markers",
-                    found=", ".join(shared) or "none",
-                    expected=f"three or more of {', '.join(reference.names)}",
-                )
-            chosen = _found(recording.select(shared))
-        else:
-            chosen = tuple(names)
-    else:
-        chosen = _found(recording) if names is None else tuple(names)
-        known = tuple(name for name in chosen if name in recording.names)
-        shape = mean_shape(recording.select(known).positions) if known else np.zeros((0, 3))
-        pose = dict(zip(known, shape, strict=True))
-    lacking = [
-        name
-        for name in chosen
-        if name not in pose
-        or np.isnan(pose[name]).any()
-        or name not in recording.names
-        or not recording.visible[:, recording.index(name)].any()
-    ]
-    usable = tuple(name for name in chosen if name not in lacking)
-    if len(usable) < 3:
-        raise DataError(
-            "too few reference markers are in both the recording and the reference pose",
-            found=", ".join(usable) or "none",
-            expected=f"three or more of {', '.join(chosen)}",
-            advice="Check the marker names.",
-        )
-    if lacking:
-        warnings.warn(
-            f"reference markers without data are left out: {', '.join(lacking)}",
-            MocapFitWarning,
-            stacklevel=4,
-        )
-    return usable, np.array([pose[name] for name in usable])
-
-
-def _median(positions: FloatArray) -> FloatArray:
-    """Median over the frames, NaN for markers that are never seen."""
-    result = np.full(positions.shape[1:], np.nan)
-    seen = ~np.isnan(positions).any(axis=2).all(axis=0)
-    result[seen] = np.nanmedian(positions[:, seen], axis=0)
-    return result
-
-
-def _found(recording: MarkerTracks) -> tuple[str, ...]:
-    chosen = find_reference_markers(recording)
-    if len(chosen) < len(recording.names):
-        warnings.warn(
-            "no reference markers are named; those that move least relative to each other are "
-            f"used: {', '.join(chosen)}",
-            MocapFitWarning,
-            stacklevel=5,
-        )
-    return chosen
-
-
-def _check_sizes(names: Sequence[str], shape: FloatArray, positions: FloatArray) -> None:
-    """Refuse a recording whose unit is not the reference pose's."""
-    first, second = np.triu_indices(len(names), 1)
-    sample = positions[:: max(1, len(positions) // _SAMPLE)]
-    distances = np.linalg.norm(sample[:, first] - sample[:, second], axis=2)
-    expected = np.linalg.norm(shape[first] - shape[second], axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratios = distances / expected
-    ratios = ratios[np.isfinite(ratios)]
-    if not ratios.size:
-        return
-    ratio = float(np.median(ratios))
-    if 1 / _LARGEST_RATIO <= ratio <= _LARGEST_RATIO:
-        return
-    if ratio == 0:
-        raise DataError(
-            "the reference markers are all in one place in the recording",
-            found="distances of 0 mm between them",
-            expected=f"about {np.median(expected):.3g} mm, as in the reference pose",
-            advice="Check the export of the recording, and the marker names.",
-        )
-    advice = "Check that both are of the same speaker and in millimetres."
-    for factor, unit in ((1000.0, "metres"), (100.0, "decimetres"), (10.0, "centimetres")):
-        for value, what in ((1 / ratio, "recording"), (ratio, "reference pose")):
-            if factor / 2 < value < factor * 2:
-                advice = f"It seems that the {what} is in {unit}: convert it to millimetres."
-    raise DataError(
-        "recording and reference pose differ in size",
-        found=f"distances in the recording are {ratio:.4g} times those of the reference pose",
-        expected=f"{1 / _LARGEST_RATIO:g} to {_LARGEST_RATIO:g} times",
-        advice=advice,
-    )
-
-
 def estimate_head_motion(
     recording: MarkerTracks,
     reference: MarkerTracks | ArrayLike | None = None,
@@ -282,69 +164,18 @@ def estimate_head_motion(
         If markers are left out throughout, or were found and not named, or if they do not have
         the shape of the reference pose.
     """
-    chosen, shape = _chosen_reference(recording, reference, names)
-    reason = refusal(shape)
-    if reason is not None:
-        raise DataError(
-            f"the reference markers {', '.join(chosen)} cannot tell the head's rotation",
-            found=reason,
-            expected="three or more markers that are not on a line",
-            advice="Use markers that are further apart.",
-        )
-    given = dict(weights or {})
-    # A weight of a marker that was asked for and is not there does no harm.
-    known = {*recording.names, *chosen, *(names or ())}
-    unknown = [name for name in given if name not in known]
-    if unknown:
-        raise DataError("a weight is given for an unknown marker", found=", ".join(unknown))
-    base = np.array([given.get(name, 1.0) for name in chosen])
-    if not (np.isfinite(base) & (base > 0)).all():
-        raise DataError(
-            "a weight is not possible",
-            found=", ".join(f"{n} {w:g}" for n, w in zip(chosen, base, strict=True)),
-            expected="numbers above 0",
-        )
+    chosen, shape = chosen_reference(recording, reference, names)
+    base = weights_of(chosen, shape, weights, {*recording.names, *(names or ())})
     positions = recording.positions[:, recording.indices(chosen)]
-    seen = ~np.isnan(positions[:, :, 0])
-    if not (seen.sum(axis=1) >= 3).any():
-        raise DataError(
-            "no frame shows three reference markers",
-            found=f"at most {seen.sum(axis=1).max(initial=0)}",
-            expected=f"three or more of {', '.join(chosen)}",
-        )
-    _check_sizes(chosen, shape, positions)
-    fit = robust_rigid_transforms(shape, positions, base)
-    if np.isnan(fit.residuals).all():
-        raise DataError(
-            "the head's pose cannot be found in any frame",
-            found="the reference markers that are seen together lie on a line, or contradict "
-            "each other",
-            expected="three or more good markers that are not on a line",
-        )
+    survey = Survey(chosen, shape, base)
+    survey.add(positions)
+    fit = robust_rigid_transforms(shape, positions, base, survey.noise())
+    found = Findings(chosen, shape)
+    found.add(positions, fit)
+    found.tell()
     expected = np.einsum("fij,pj->fpi", fit.rotations, shape) + fit.translations[:, None, :]
-    moved = [
-        f"{name} ({fit.rejected[:, k].sum()} of {seen[:, k].sum()} frames)"
-        for k, name in enumerate(chosen)
-        if 2 * fit.rejected[:, k].sum() > seen[:, k].sum()
-    ]
-    if moved:
-        warnings.warn(
-            "reference markers are not where the reference pose has them and are left out: "
-            + ", ".join(moved),
-            MocapFitWarning,
-            stacklevel=3,
-        )
-    residual, length = float(np.nanmedian(fit.residuals)), float(spread(shape)[0])
-    if residual > _LARGEST_RESIDUAL * length:
-        warnings.warn(
-            f"the reference markers {', '.join(chosen)} do not keep the shape of the reference "
-            f"pose (median residual {residual:.3g} mm in a set {length:.3g} mm long, root mean "
-            "square); markers may be exchanged, or an axis mirrored",
-            MocapFitWarning,
-            stacklevel=3,
-        )
     arguments: dict[str, object] = {"reference_markers": list(chosen)}
-    if given:
+    if weights:
         arguments["weights"] = dict(zip(chosen, base.tolist(), strict=True))
     pose = PoseTracks(
         ("head",),
@@ -436,10 +267,10 @@ def match_size(
     DataError
         If no frame shows two of the markers, or the sizes differ so much that a unit is wrong.
     """
-    chosen, shape = _chosen_reference(recording, reference, names)
+    chosen, shape = chosen_reference(recording, reference, names)
     positions = recording.positions[:, recording.indices(chosen)]
     one, other = np.triu_indices(len(chosen), 1)
-    _check_sizes(chosen, shape, positions)
+    check_sizes(chosen, shape, thinned(positions))
     apart = np.linalg.norm(positions[:, one] - positions[:, other], axis=2)
     expected = np.linalg.norm(shape[one] - shape[other], axis=1)
     seen = ~np.isnan(apart)

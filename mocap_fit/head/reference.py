@@ -1,0 +1,303 @@
+"""The markers that tell the head's pose: which they are, whether they can, what they turned out.
+
+A recording may come whole or in stretches; what is asked of all its frames is gathered here.
+"""
+
+from __future__ import annotations
+
+import warnings
+import weakref
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mocap_fit.errors import DataError, MocapFitWarning
+from mocap_fit.tracks import FloatArray, MarkerTracks
+from mocap_fit.tracks.rigid import refusal, spread
+from mocap_fit.tracks.rigid_sets import find_reference_markers, mean_shape
+from mocap_fit.tracks.robust import NoiseSample, RigidFit
+from mocap_fit.tracks.thinned import Thinned
+
+# Reference and recording must agree in size within this factor, or a unit is wrong.
+_LARGEST_RATIO = 2.0
+# A residual above this part of the set's length means another shape, not noise.
+_LARGEST_RESIDUAL = 0.1
+# Frames that are looked at to compare sizes, at most.
+_SAMPLE = 2000
+
+
+def thinned(positions: FloatArray) -> FloatArray:
+    """Some of the frames, evenly spread, `(frames, ...)`."""
+    sample = Thinned(_SAMPLE)
+    sample.add(positions)
+    return sample.rows
+
+
+class Survey:
+    """What must be known of the whole recording before any of its frames has a pose.
+
+    Parameters
+    ----------
+    names, shape, weights
+        The reference markers, `(markers, 3)` and `(markers,)`.
+    """
+
+    def __init__(self, names: Sequence[str], shape: FloatArray, weights: FloatArray) -> None:
+        self._names, self._shape = names, shape
+        self._noise, self._sample = NoiseSample(shape, weights), Thinned(_SAMPLE)
+        self._most = 0
+
+    def add(self, positions: FloatArray) -> None:
+        """Take the reference markers in the next frames, `(frames, markers, 3)`."""
+        self._noise.add(positions)
+        self._sample.add(positions)
+        seen = ~np.isnan(positions[:, :, 0])
+        self._most = max(self._most, int(seen.sum(axis=1).max(initial=0)))
+
+    def noise(self) -> tuple[float, float]:
+        """As `NoiseSample.noise`.
+
+        Raises
+        ------
+        DataError
+            If no frame shows three markers, or a unit is wrong.
+        """
+        if self._most < 3:
+            raise DataError(
+                "no frame shows three reference markers",
+                found=f"at most {self._most}",
+                expected=f"three or more of {', '.join(self._names)}",
+            )
+        check_sizes(self._names, self._shape, self._sample.rows)
+        return self._noise.noise()
+
+
+class Findings:
+    """What the poses of all frames say of the reference markers.
+
+    Parameters
+    ----------
+    names, shape
+        The reference markers, `(markers, 3)`.
+    """
+
+    def __init__(self, names: Sequence[str], shape: FloatArray) -> None:
+        self._names, self._shape = names, shape
+        self._residuals: list[FloatArray] = []
+        self._rejected = np.zeros(len(names), dtype=np.int64)
+        self._seen = np.zeros(len(names), dtype=np.int64)
+
+    def add(self, positions: FloatArray, fit: RigidFit) -> None:
+        """Take the next frames, `(frames, markers, 3)`, and their poses."""
+        self._residuals.append(fit.residuals)
+        self._rejected += fit.rejected.sum(axis=0)
+        self._seen += (~np.isnan(positions[:, :, 0])).sum(axis=0)
+
+    @property
+    def residuals(self) -> FloatArray:
+        """`(frames,)`, millimetres; NaN where the pose is not known."""
+        return np.concatenate(self._residuals)
+
+    def tell(self) -> float:
+        """Warn of markers that do not fit; the median residual, millimetres.
+
+        Raises
+        ------
+        DataError
+            If no frame has a pose.
+        """
+        residuals = self.residuals
+        if np.isnan(residuals).all():
+            raise DataError(
+                "the head's pose cannot be found in any frame",
+                found="the reference markers that are seen together lie on a line, or contradict "
+                "each other",
+                expected="three or more good markers that are not on a line",
+            )
+        moved = [
+            f"{name} ({rejected} of {seen} frames)"
+            for name, rejected, seen in zip(self._names, self._rejected, self._seen, strict=True)
+            if 2 * rejected > seen
+        ]
+        if moved:
+            warnings.warn(
+                "reference markers are not where the reference pose has them and are left out: "
+                + ", ".join(moved),
+                MocapFitWarning,
+                stacklevel=4,
+            )
+        residual, length = float(np.nanmedian(residuals)), float(spread(self._shape)[0])
+        if residual > _LARGEST_RESIDUAL * length:
+            warnings.warn(
+                f"the reference markers {', '.join(self._names)} do not keep the shape of the "
+                f"reference pose (median residual {residual:.3g} mm in a set {length:.3g} mm long, "
+                "root mean square); markers may be exchanged, or an axis mirrored",
+                MocapFitWarning,
+                stacklevel=4,
+            )
+        return residual
+
+
+def weights_of(
+    names: Sequence[str],
+    shape: FloatArray,
+    weights: Mapping[str, float] | None,
+    known: set[str],
+) -> FloatArray:
+    """The weights of the reference markers, `(markers,)`, 1 where none is given.
+
+    ``known`` are further markers: a weight of one that is not used does no harm.
+
+    Raises
+    ------
+    DataError
+        If the markers cannot tell a rotation, or a weight is not possible.
+    """
+    reason = refusal(shape)
+    if reason is not None:
+        raise DataError(
+            f"the reference markers {', '.join(names)} cannot tell the head's rotation",
+            found=reason,
+            expected="three or more markers that are not on a line",
+            advice="Use markers that are further apart.",
+        )
+    given = dict(weights or {})
+    unknown = [name for name in given if name not in {*names, *known}]
+    if unknown:
+        raise DataError("a weight is given for an unknown marker", found=", ".join(unknown))
+    base = np.array([given.get(name, 1.0) for name in names])
+    if not (np.isfinite(base) & (base > 0)).all():
+        raise DataError(
+            "a weight is not possible",
+            found=", ".join(f"{n} {w:g}" for n, w in zip(names, base, strict=True)),
+            expected="numbers above 0",
+        )
+    return base
+
+
+def chosen_reference(
+    recording: MarkerTracks,
+    reference: MarkerTracks | ArrayLike | None,
+    names: Sequence[str] | None,
+) -> tuple[tuple[str, ...], FloatArray]:
+    """Names of the reference markers and their positions in head coordinates."""
+    if names is not None and len(set(names)) != len(names):
+        raise DataError("a reference marker is named twice", found=", ".join(names))
+    if reference is not None and not isinstance(reference, MarkerTracks):
+        chosen = recording.names if names is None else tuple(names)
+        points = np.asarray(reference, dtype=np.float64)
+        if points.shape != (len(chosen), 3):
+            raise DataError(
+                "the reference pose has the wrong shape",
+                found=points.shape,
+                expected=f"({len(chosen)}, 3), a row for each of {', '.join(chosen)}",
+            )
+        pose = dict(zip(chosen, points, strict=True))
+    elif reference is not None:
+        pose = median_pose(reference)
+        if names is None:
+            shared = tuple(name for name in recording.names if name in pose)
+            if len(shared) < 3:
+                raise DataError(
+                    "recording and reference pose share too few markers",
+                    found=", ".join(shared) or "none",
+                    expected=f"three or more of {', '.join(reference.names)}",
+                )
+            chosen = _found(recording.select(shared))
+        else:
+            chosen = tuple(names)
+    else:
+        chosen = _found(recording) if names is None else tuple(names)
+        known = tuple(name for name in chosen if name in recording.names)
+        shape = mean_shape(recording.select(known).positions) if known else np.zeros((0, 3))
+        pose = dict(zip(known, shape, strict=True))
+    lacking = [
+        name
+        for name in chosen
+        if name not in pose
+        or np.isnan(pose[name]).any()
+        or name not in recording.names
+        or not recording.visible[:, recording.index(name)].any()
+    ]
+    usable = tuple(name for name in chosen if name not in lacking)
+    if len(usable) < 3:
+        raise DataError(
+            "too few reference markers are in both the recording and the reference pose",
+            found=", ".join(usable) or "none",
+            expected=f"three or more of {', '.join(chosen)}",
+            advice="Check the marker names.",
+        )
+    if lacking:
+        warnings.warn(
+            f"reference markers without data are left out: {', '.join(lacking)}",
+            MocapFitWarning,
+            stacklevel=4,
+        )
+    return usable, np.array([pose[name] for name in usable])
+
+
+# All recordings of a speaker have one reference pose.
+_medians: weakref.WeakKeyDictionary[MarkerTracks, dict[str, FloatArray]] = (
+    weakref.WeakKeyDictionary()
+)
+
+
+def median_pose(reference: MarkerTracks) -> dict[str, FloatArray]:
+    """Where each marker of the reference pose is, `(3,)`: the median over the frames."""
+    if reference not in _medians:
+        _medians[reference] = dict(zip(reference.names, _median(reference.positions), strict=True))
+    return _medians[reference]
+
+
+def _median(positions: FloatArray) -> FloatArray:
+    """Median over the frames, NaN for markers that are never seen."""
+    result = np.full(positions.shape[1:], np.nan)
+    seen = ~np.isnan(positions).any(axis=2).all(axis=0)
+    result[seen] = np.nanmedian(positions[:, seen], axis=0)
+    return result
+
+
+def _found(recording: MarkerTracks) -> tuple[str, ...]:
+    chosen = find_reference_markers(recording)
+    if len(chosen) < len(recording.names):
+        warnings.warn(
+            "no reference markers are named; those that move least relative to each other are "
+            f"used: {', '.join(chosen)}",
+            MocapFitWarning,
+            stacklevel=5,
+        )
+    return chosen
+
+
+def check_sizes(names: Sequence[str], shape: FloatArray, sample: FloatArray) -> None:
+    """Refuse a recording whose unit is not the reference pose's, by some of its frames."""
+    first, second = np.triu_indices(len(names), 1)
+    distances = np.linalg.norm(sample[:, first] - sample[:, second], axis=2)
+    expected = np.linalg.norm(shape[first] - shape[second], axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = distances / expected
+    ratios = ratios[np.isfinite(ratios)]
+    if not ratios.size:
+        return
+    ratio = float(np.median(ratios))
+    if 1 / _LARGEST_RATIO <= ratio <= _LARGEST_RATIO:
+        return
+    if ratio == 0:
+        raise DataError(
+            "the reference markers are all in one place in the recording",
+            found="distances of 0 mm between them",
+            expected=f"about {np.median(expected):.3g} mm, as in the reference pose",
+            advice="Check the export of the recording, and the marker names.",
+        )
+    advice = "Check that both are of the same speaker and in millimetres."
+    for factor, unit in ((1000.0, "metres"), (100.0, "decimetres"), (10.0, "centimetres")):
+        for value, what in ((1 / ratio, "recording"), (ratio, "reference pose")):
+            if factor / 2 < value < factor * 2:
+                advice = f"It seems that the {what} is in {unit}: convert it to millimetres."
+    raise DataError(
+        "recording and reference pose differ in size",
+        found=f"distances in the recording are {ratio:.4g} times those of the reference pose",
+        expected=f"{1 / _LARGEST_RATIO:g} to {_LARGEST_RATIO:g} times",
+        advice=advice,
+    )
