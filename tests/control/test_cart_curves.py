@@ -208,6 +208,10 @@ def test_trees_are_drawn(model, tmp_path):
         with pytest.raises(DataError):
             find_tree(model, name)
     assert find_tree(model, "consonant/lip_rounding").pooled
+    # A stress that was not said, and one that has no tree of its own.
+    assert find_tree(model, "ˈA:/lip_rounding").of == "'A:"
+    assert find_tree(model, "A:/lip_rounding").of == "'A:"
+    assert find_tree(model, "'A/lip_rounding").of == "A"
 
 
 def test_boxes_of_a_drawing_do_not_overlap():

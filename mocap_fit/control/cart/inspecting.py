@@ -8,7 +8,7 @@ import numpy as np
 
 from mocap_fit.control.cart.contexts import KIND_OF_GROUP
 from mocap_fit.control.cart.kernel import LEFT
-from mocap_fit.control.cart.learning import TreeKey
+from mocap_fit.control.cart.learning import TreeKey, chain
 from mocap_fit.control.cart.model import Cart
 from mocap_fit.errors import DataError
 from mocap_fit.phones import PhoneSequence
@@ -227,8 +227,12 @@ def find_tree(model: Cart, name: str, *, with_sound: bool | None = None) -> Tree
         )
     place = model.parameter_names_.index(parameter)
     sounds = (True, False) if with_sound is None else (with_sound,)
+    spellings = [of]
     parsed = model.phone_set_.parse(of)
-    spellings = [of] if parsed is None else [of, parsed[0]]
+    if parsed is not None:
+        # A stress that is not said is any that there is, the weakest first.
+        named = chain(model.phone_set_, parsed[0], model.by_stress)
+        spellings += [name for name, pooled in named if not pooled]
     for sound in sounds:
         for pooled in (False, True):
             for spelling in spellings:
