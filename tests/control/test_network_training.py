@@ -116,6 +116,16 @@ def test_the_papers_networks_are_learned(name):
     assert error_of_range(model, test) < 3.0
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ann", "ann-low-latency", "ann-ensemble"])
+def test_networks_beat_phone_means_on_new_sentences(name):
+    training, test = corpus_of(sentences(60)).held_out(0.2)
+    kept, validation = training.held_out(0.15)
+    ours = control.create(name).fit(kept, validation)
+    means = control.create("phone-mean").fit(training)
+    assert error_of_range(ours, test) < 0.8 * error_of_range(means, test)
+
+
 def test_training_lessens_the_error_of_every_network(small_corpus, small_validation):
     model = control.create("ann", hidden_units=8, epochs=12, seed=3)
     model.fit(small_corpus, small_validation)
