@@ -122,11 +122,11 @@ def check_head(
             f"{np.median(residuals[known]):.2f} mm from their mean shape (median)",
             f"at most {rigid.rigid_residual} mm",
         )
-    for column, run, change in find_slips(positions, recording.rate, limits.shape):
+    for column, run, off in find_slips(positions, recording.rate, limits.shape):
         yield Finding(
             "MF125",
             at(place, recording, recording.names[head[column]], run),
-            f"its distances to the others are another by up to {change:.1f} mm",
+            f"{off:.1f} mm from where the others have it",
             f"less than {rigid.slip_distance} mm",
             evidence=evidence(recording, recording.names, still.positions, [head[column]], run),
         )

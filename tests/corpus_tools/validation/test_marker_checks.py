@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from corpus_tools.validation import Context, Place, load_thresholds, shapes
 from corpus_tools.validation.exchanges import find_exchanges
+from corpus_tools.validation.slips import find_slips
 from corpus_tools.validation.subject import check_recording
 from mocap_fit.tracks import MarkerTracks
 
@@ -142,3 +143,44 @@ class TestShapes:
     def test_axes_in_words(self, matrix, kind, words):
         leaning = Rotation.from_euler("xyz", [10, -12, 8], degrees=True).as_matrix()
         assert shapes.in_words(leaning @ matrix) == (kind, words)
+
+
+class TestSlips:
+    @settings(deadline=None, max_examples=15)
+    @given(
+        seed=st.integers(0, 10_000),
+        marker=st.integers(0, 4),
+        start=st.integers(40, 150),
+        direction=st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda d: np.linalg.norm(d) > 0.3),
+    )
+    def test_a_marker_that_slips_is_found_whatever_the_head_does(
+        self, seed, marker, start, direction
+    ):
+        rng = np.random.default_rng(seed)
+        head = np.array(
+            [[0, 72, 116], [58, 98, 102], [-58, 98, 102], [90, 78, -10], [-90, 78, -10]]
+        )
+        shapes_of_frames = head + rng.normal(0, 0.3, (FRAMES, 5, 3))
+        shapes_of_frames[start:, marker] += 7.0 * np.array(direction) / np.linalg.norm(direction)
+        turns = np.cumsum(rng.normal(0, 0.02, (FRAMES, 3)), axis=0)
+        positions = np.stack(
+            [Rotation.from_rotvec(t).apply(s) for t, s in zip(turns, shapes_of_frames, strict=True)]
+        )
+        positions[rng.random((FRAMES, 5)) < 0.05] = np.nan
+        found = find_slips(positions, RATE, LIMITS.shape)
+        assert [k for k, *_ in found] == [marker]
+        _, run, off = found[0]
+        assert run.stop == FRAMES
+        assert abs(run.start - start) <= 9
+        assert off == pytest.approx(7.0, abs=1.5)
+
+    @settings(deadline=None, max_examples=25)
+    @given(seed=st.integers(0, 10_000), noise=st.floats(0.0, 1.5))
+    def test_nothing_slips_in_noise(self, seed, noise):
+        rng = np.random.default_rng(seed)
+        head = rng.normal(0.0, 70.0, (5, 3))
+        positions = head + rng.normal(0, noise, (FRAMES, 5, 3))
+        assert find_slips(positions, RATE, LIMITS.shape) == []
+
+    def test_three_markers_tell_nothing(self):
+        assert find_slips(np.zeros((FRAMES, 3, 3)), RATE, LIMITS.shape) == []
