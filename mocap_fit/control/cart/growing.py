@@ -136,7 +136,7 @@ def grow(
         One node at least.
     """
     chosen = np.flatnonzero(folds != held_out)
-    tree = room_for(len(chosen), asked)
+    tree = room_for(len(chosen), int(asked.sizes.max()))
     how = (fold_count, smallest, least_gain, phone_order == "node")
     if use_numba and HAS_NUMBA:
         out, none = np.zeros(0, dtype=np.int64), np.zeros(0)
@@ -148,12 +148,12 @@ def grow(
     return cut_to(tree, nodes)
 
 
-def room_for(examples: int, asked: Asked) -> Grown:
+def room_for(examples: int, levels: int) -> Grown:
     """Arrays for the largest tree of so many examples; what growing does not reach is not set."""
     room = 2 * examples + 1
     return Grown(
         np.empty(room, dtype=np.int64),
-        np.empty((room, int(asked.sizes.max())), dtype=np.uint8),
+        np.empty((room, levels), dtype=np.uint8),
         np.empty((room, 2), dtype=np.int64),
         np.empty(room, dtype=np.int64),
         *(np.empty(room) for _ in range(4)),

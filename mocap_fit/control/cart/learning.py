@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocap_fit.control.cart.contexts import (
     GROUPS,
@@ -16,7 +17,7 @@ from mocap_fit.control.cart.contexts import (
     group_of,
 )
 from mocap_fit.control.cart.examples import Examples
-from mocap_fit.control.cart.growing import Asked, Grown, IntArray
+from mocap_fit.control.cart.growing import Asked, Grown, IntArray, room_for
 from mocap_fit.control.cart.kernel import FIXED, ORDERED, SUBSET
 from mocap_fit.control.cart.pruning import STRENGTHS, Judged, grow_pruned, judge, strengths_of
 from mocap_fit.control.cart.questions import Attribute, Question
@@ -121,6 +122,9 @@ class Grower:
         self._asked = Asked(of, np.array(kinds, dtype=np.int64), members, np.zeros(0, np.int64))
         groups = alphabet.groups()
         self._groups = np.array([1 + GROUPS.index(g) if g else 0 for g in groups], dtype=np.int64)
+        # Where trees are grown that only judge: one room for all of them.
+        most = max(len(examples.symbols), 1)
+        self._room = room_for(most, max(alphabet.levels, BINS + 2))
         self._of_sound = np.array([q.attribute.needs_sound for q in questions], dtype=np.bool_)
 
     def samples(self, key_of: str, rows: IntArray, pooled: bool = False) -> list[_Sample]:
@@ -218,6 +222,7 @@ class Grower:
             smallest=growth.smallest,
             least_gain=growth.least_gain,
             phone_order=growth.phone_order,
+            room=self._room,
         )
 
     def judged_together(self, samples: Sequence[_Sample]) -> Judged:
@@ -345,15 +350,20 @@ def _pooled_samples(grower: Grower, grown: set[tuple[str, int]], by_stress: bool
         # Any sound may come.
         wanted = set(members)
     else:
+        targets, symbols = grower.examples.targets, grower.examples.symbols
+        has: dict[str, NDArray[np.bool_]] = {
+            name: np.any(np.isfinite(targets[np.isin(symbols, own)]), axis=0)
+            for name, own in members.items()
+        }
         wanted = set()
-        parameters = range(grower.examples.targets.shape[1])
         for symbol in phone_set.symbols(by_stress):
             names = chain(phone_set, symbol, by_stress)
             own = [of for of, pooled in names if not pooled]
-            if all(any((of, p) in grown for of in own) for p in parameters):
-                continue
-            # The first that has examples; and what comes after it, for a parameter that it lacks.
-            wanted |= {of for of, pooled in names if pooled and of in members}
+            pools = [of for of, pooled in names if pooled and of in members]
+            for p in range(targets.shape[1]):
+                if not any((of, p) in grown for of in own):
+                    # The first that can say something.
+                    wanted |= set([of for of in pools if has[of][p]][:1])
     found: list[_Sample] = []
     for name in sorted(wanted, key=[*GROUPS, "vowels", "consonants", "all"].index):
         rows = np.flatnonzero(np.isin(grower.examples.symbols, members[name]))

@@ -132,7 +132,7 @@ def grow_pruned(
     """
     if use_numba and HAS_NUMBA:
         everyone, nobody = np.arange(len(folds)), np.zeros(0, dtype=np.int64)
-        room, none = room_for(len(folds), asked), np.zeros(0)
+        room, none = room_for(len(folds), int(asked.sizes.max())), np.zeros(0)
         how = (fold_count, smallest, least_gain, phone_order == "node", strength)
         nodes = grow_and_prune(
             levels, targets, folds, everyone, nobody, *asked, *how, none, none, none, *room
@@ -165,6 +165,7 @@ def judge(
     least_gain: float,
     phone_order: str,
     use_numba: bool = True,
+    room: Grown | None = None,
 ) -> Judged:
     """Grow a tree without one fold, and let that fold say how strongly to prune it.
 
@@ -176,12 +177,15 @@ def judge(
         Which is held out.
     strengths
         `(strengths,)`, ascending.
+    room
+        Arrays of `room_for` that are large enough, to be written over.
     """
     errors, squares = np.zeros(len(strengths)), np.zeros(len(strengths))
     out = np.flatnonzero(folds == fold)
     if use_numba and HAS_NUMBA:
         chosen = np.flatnonzero(folds != fold)
-        room = room_for(len(chosen), asked)
+        if room is None:
+            room = room_for(len(chosen), int(asked.sizes.max()))
         how = (fold_count, smallest, least_gain, phone_order == "node", np.inf)
         judged = (strengths, errors, squares)
         grow_and_prune(levels, targets, folds, chosen, out, *asked, *how, *judged, *room)
