@@ -17,6 +17,8 @@ from mocap_fit.tracks.gaps import runs
 _FRAMES = 8
 # How badly the others may still fit, over how far the one is off.
 _REST = 0.4
+# The part of the recording that tells how quiet a marker can be.
+_QUIET = 0.1
 
 
 def find_slips(
@@ -69,7 +71,7 @@ def find_slips(
         shown = np.flatnonzero(~np.isnan(off[k]))
         if not len(shown):
             continue
-        quiet = float(np.quantile(off[k, shown], 0.25))
+        quiet = float(np.quantile(off[k, shown], _QUIET))
         limit = max(limits.slip_distance, limits.slip_factor * quiet)
         wrong = (culprits == k) & (off[k] > limit) & (rest[k] < _REST * off[k])
         for run in runs(np.asarray(wrong[shown])):
