@@ -236,7 +236,7 @@ def task(model: Cart, train: Examples, test: Examples, symbol: str, p: int) -> T
     return Task(p, before, targets, after, test.targets[new, p], new)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(error_model="numpy")
 def path_alphas(left, right, cost):
     """Of each node the alpha at which the path of least cost and complexity cuts it off."""
     count = len(left)
@@ -274,7 +274,7 @@ def path_alphas(left, right, cost):
     return alphas
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(error_model="numpy")
 def answers(left, right, feature, threshold, value, alphas, asked, chosen):
     """Answers of the trees of the path, `(alphas, asked)`; the alphas that are chosen ascend."""
     found = np.empty((len(chosen), len(asked)))
