@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -159,12 +159,15 @@ class ContextReader:
         self._resistant = resistant
         self._names = tuple(parameter_names)
         self._by_phone_set = by_phone_set
-        self._known: dict[tuple[str, int | None], _Known] = {}
-        self._edge = self._look_up(PhoneSegment(0.0, 1.0, alphabet.phone_set.silence))
+        self._numbers: dict[tuple[str, int | None], int] = {}
+        self._kept: list[_Known] = []
+        # The first is the edge.
+        self._look_up(PhoneSegment(0.0, 1.0, alphabet.phone_set.silence))
 
-    def _look_up(self, segment: PhoneSegment) -> _Known:
+    def _look_up(self, segment: PhoneSegment) -> int:
+        """The number of a label among those that are kept."""
         key = (segment.phone, segment.stress)
-        found = self._known.get(key)
+        found = self._numbers.get(key)
         if found is None:
             phone_set = self.alphabet.phone_set
             symbol = phone_set.phone(segment).symbol
@@ -172,43 +175,54 @@ class ContextReader:
             resists = self._resistant[level]
             if level > len(self.alphabet.symbols):
                 resists = resistance_of(phone_set, symbol, self._names) & self._by_phone_set
-            found = _Known(level, resists, phone_set.features(segment))
-            self._known[key] = found
+            found = self._numbers[key] = len(self._kept)
+            self._kept.append(_Known(level, resists, phone_set.features(segment)))
         return found
 
-    def columns(self, phones: PhoneSequence) -> list[NDArray[Any]]:
-        """The attributes of every segment, in order.
+    def columns(self, *utterances: PhoneSequence) -> list[NDArray[Any]]:
+        """The attributes of every segment, utterance by utterance, in order.
 
         Returns
         -------
         list[NDArray[Any]]
             Of each attribute `(segments,)`: levels for phones, else numbers, NaN where unknown.
-            Of resistant phones `(segments, parameters)`. Beyond the ends of the utterance is
+            Of resistant phones `(segments, parameters)`. Beyond the ends of an utterance is
             silence, whose duration and energy are unknown.
         """
-        known = [self._look_up(segment) for segment in phones]
-        levels = np.array([each.level for each in known], dtype=np.uint8)
+        # All in one row, with so much of an edge between that nobody sees beyond it.
+        apart = max([self.reach, *(abs(attribute.at) for attribute in self.attributes)])
+        lengths = [len(phones) for phones in utterances]
+        first = np.cumsum([0, *lengths[:-1]]) + apart * np.arange(1, len(lengths) + 1)
+        count = sum(lengths) + apart * (len(lengths) + 1)
+        own = np.concatenate([np.arange(n) + at for n, at in zip(lengths, first, strict=True)])
+        segments = [segment for phones in utterances for segment in phones]
+        known = np.zeros(count, dtype=np.int64)
+        known[own] = [self._look_up(segment) for segment in segments]
+        levels = np.array([each.level for each in self._kept], dtype=np.uint8)[known]
+        features = np.array([each.features for each in self._kept])
+        lasting, loud = np.full(count, np.nan), np.full(count, np.nan)
+        lasting[own] = [segment.end - segment.start for segment in segments]
+        loud[own] = energies(segments)
+        resists = np.zeros((count, len(self._names)), dtype=np.bool_)
+        resists[own] = np.array([each.resists for each in self._kept])[known[own]]
         found: list[NDArray[Any]] = []
         for attribute in self.attributes:
             at = attribute.at
-            if attribute.kind == "phone":
-                found.append(_shifted(levels, at, self._edge.level))
-            elif attribute.kind == "resistant":
-                resists = np.array([each.resists for each in known])
-                found.append(_nearest(levels, resists, at, self.reach))
+            if attribute.kind == "resistant":
+                found.append(_nearest(levels, resists, at, self.reach)[own])
+            elif attribute.kind == "phone":
+                found.append(levels[own + at])
             elif attribute.kind == "duration":
-                found.append(_shifted(phones.ends - phones.starts, at, np.nan))
+                found.append(lasting[own + at])
             elif attribute.kind == "energy":
-                found.append(_shifted(energies(phones), at, np.nan))
+                found.append(loud[own + at])
             else:
                 name = "stress" if attribute.kind == "stress" else attribute.feature
-                place = FEATURE_NAMES.index(name)
-                values = np.array([each.features[place] for each in known])
-                found.append(_shifted(values, at, self._edge.features[place]))
+                found.append(features[known[own + at], FEATURE_NAMES.index(name)])
         return found
 
 
-def energies(phones: PhoneSequence) -> FloatArray:
+def energies(phones: Iterable[PhoneSegment]) -> FloatArray:
     """Energy at the centre of each segment, dB; NaN where it is not known."""
     found = [np.nan if s.energy_db is None else s.energy_db for s in phones]
     return np.array(found, dtype=np.float64)
@@ -225,19 +239,6 @@ def resistance_of(
         ],
         dtype=np.bool_,
     )
-
-
-def _shifted(values: NDArray[Any], at: int, edge: float) -> NDArray[Any]:
-    """The value of the segment that is ``at`` places on; ``edge`` beyond the ends."""
-    if at == 0:
-        return values
-    shifted = np.full_like(values, edge)
-    count = len(values)
-    if at < 0:
-        shifted[-at:] = values[: max(count + at, 0)]
-    elif at < count:
-        shifted[: count - at] = values[at:]
-    return shifted
 
 
 def _nearest(levels: ByteArray, resists: NDArray[np.bool_], at: int, reach: int) -> ByteArray:

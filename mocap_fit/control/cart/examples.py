@@ -119,13 +119,12 @@ def collect(
 ) -> Examples:
     """All segments with their attributes and targets."""
     phone_set = reader.alphabet.phone_set
-    columns = [reader.columns(sequence) for sequence in phones]
     kinds = {(s.phone, s.stress): s for sequence in phones for s in sequence}
     symbol_of = {key: phone_set.symbol(segment, by_stress) for key, segment in kinds.items()}
     symbols = [symbol_of[s.phone, s.stress] for sequence in phones for s in sequence]
     return Examples(
         np.array(symbols, dtype=np.str_),
-        [np.concatenate(parts) for parts in zip(*columns, strict=True)],
-        np.concatenate([energies(sequence) for sequence in phones]),
+        reader.columns(*phones),
+        energies(segment for sequence in phones for segment in sequence),
         np.concatenate(found),
     )
