@@ -84,6 +84,8 @@ def find_exchanges(
         As `positions`.
     """
     frames, markers = positions.shape[:2]
+    if frames < 2:
+        return [], positions
     before, ago = previous(positions, max(1, round(limits.gap_bridged * rate)))
     steps = np.linalg.norm(positions - before, axis=2)
     usual = np.zeros(markers)

@@ -17,25 +17,16 @@ SPOILT = "sim002"
 # The others are run with the slow tests.
 QUICK = (
     "swapped",
-    "clocks_drift",
     "face_of_fifteen_metres",
     "label_missing",
     "mirrored_axis",
-    "up_and_forward_exchanged",
     "spike",
     "stuck",
     "long_gap",
     "rate_wrong",
-    "sound_cut_short",
-    "labels_overlap",
-    "labels_beyond_the_end",
-    "unknown_phone",
-    "recording_in_two_splits",
-    "parameter_at_its_bound",
     "lips_open_on_a_bilabial",
     "provenance_lost",
     "head_marker_slipped",
-    "file_missing",
     "uneven_time_stamps",
 )
 
@@ -122,4 +113,4 @@ def test_a_planted_defect_is_found_and_named(name, corpus, known):
 
 def test_what_is_planted_is_known():
     assert set(QUICK) <= set(DEFECTS)
-    assert len(QUICK) > 20
+    assert len(DEFECTS) > 80

@@ -211,6 +211,7 @@ class TestLooseFiles:
     def test_the_folder_of_a_lab_is_clean(self, recorded):
         assert found_in(recorded, phone_set="sv-sta") == []
 
+    @pytest.mark.slow
     def test_a_recording_of_another_rate_than_the_others(self, recorded, tmp_path):
         folder = Path(shutil.copytree(recorded / "recordings", tmp_path / "recordings"))
         odd = folder / "sim003.tsv"
@@ -283,6 +284,7 @@ class TestLooseFiles:
         assert finding.code == code
         assert finding.severity == "error"
 
+    @pytest.mark.slow
     def test_every_recording_of_the_fixtures_can_be_looked_at(self):
         report = validate([FIXTURES / "recordings"])
         assert len(report.summaries) > 20
