@@ -94,8 +94,12 @@ def check_head(
     head: Sequence[int],
     place: Place,
     limits: Thresholds,
+    varies: bool = False,
 ) -> Iterator[Finding]:
-    """Find head markers that do not keep their distances, and one that has slipped."""
+    """Find head markers that do not keep their distances, and one that has slipped.
+
+    Landmarks of a video (`varies`) are not glued on: they wander, and cannot slip.
+    """
     rigid = limits.shape
     if len(head) < 3:
         return
@@ -122,6 +126,8 @@ def check_head(
             f"{np.median(residuals[known]):.2f} mm from their mean shape (median)",
             f"at most {rigid.rigid_residual} mm",
         )
+    if varies:
+        return
     for column, run, off in find_slips(positions, recording.rate, limits.shape):
         yield Finding(
             "MF125",

@@ -249,7 +249,8 @@ def check_recording(
                 Finding("MF126", place, "in no frame", "three markers that are not on a line")
             )
         return found, None
-    found += geometry.check_head(recording, still, head, place, context.limits)
+    varies = layout is not None and layout.size_varies
+    found += geometry.check_head(recording, still, head, place, context.limits, varies)
     return found, geometry.summarise(recording, still, layout, place, context.limits)
 
 
