@@ -62,8 +62,8 @@ PEER = "scikit-learn, 10-fold cost-complexity"
 # Trainings of ours, of whose times the median counts.
 ROUNDS = 3
 # Utterances, and with --quick; every how many trees the peer gets one.
-MADE, SIMULATED = (1000, 700), (287, 200)
-PEER_EVERY = {"made": (4, 10), "simulated": (1, 6), "grid_s1": (1, 1)}
+MADE, SIMULATED = (1000, 600), (287, 150)
+PEER_EVERY = {"made": (4, 4), "simulated": (1, 4), "grid_s1": (1, 1)}
 
 # What the defaults are compared with in the full form.
 WAYS: dict[str, dict[str, Any]] = {
