@@ -1,4 +1,4 @@
-"""mocap-fit: from facial motion capture to the parameters of a face model.
+"""mocap-fit: from facial motion capture to a talking head.
 
 What the common path needs is here, imported when it is first used::
 
