@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import tomllib
 import unicodedata
@@ -155,14 +156,13 @@ class _LanguageFile(_Strict):
                     f"'{sound}' has {len(row)} targets for {len(self.columns)} columns"
                 )
             cells = {n: str(c) for n, c in zip(self.columns, row, strict=True) if c != "-"}
-            try:
+            targets: dict[str, float] = {}
+            with contextlib.suppress(ValueError):
                 targets = {name: float(cell.removeprefix("!")) for name, cell in cells.items()}
-                if not all(map(math.isfinite, targets.values())):
-                    raise ValueError
-            except ValueError:
+            if len(targets) < len(cells) or not all(map(math.isfinite, targets.values())):
                 raise ValueError(
                     f"'{sound}' has a target that is no number, no number after '!' and not '-'"
-                ) from None
+                )
             reach = frozenset(name for name, cell in cells.items() if cell.startswith("!"))
             parts.append(TargetPart(targets, reach))
         return tuple(parts)
