@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -116,13 +115,13 @@ def run(
         if progress is not None:
             progress(i + 1)
     if takes is not None:
-        _write(out / "truth" / "sync.json", console.json_text(clocks) + "\n")
-        _write(out / "sentences.tsv", takes.table(names))
+        console.write_text(out / "truth" / "sync.json", console.json_text(clocks) + "\n")
+        console.write_text(out / "sentences.tsv", takes.table(names))
         if layout not in shipped_layouts():
             # A manifest names files under its root alone.
-            _write(out / _LAYOUT, Path(layout).read_text(encoding="utf-8"))
+            console.write_text(out / _LAYOUT, Path(layout).read_text(encoding="utf-8"))
             layout = _LAYOUT
-        _write(out / "manifest.toml", takes.manifest(layout))
+        console.write_text(out / "manifest.toml", takes.manifest(layout))
     return Status.DONE
 
 
@@ -297,12 +296,3 @@ def _session(
         return Session(load_layout(layout), face, conditions)
     except MocapFitError as error:
         raise console.located(error, layout) from None
-
-
-def _write(path: Path, text: str) -> None:
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        partial.write_bytes(text.encode("utf-8"))
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)

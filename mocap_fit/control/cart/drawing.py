@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import textwrap
-from pathlib import Path
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -14,7 +13,7 @@ from mocap_fit.control.cart.inspecting import branches, pooled_name, question_at
 from mocap_fit.control.cart.learning import TreeKey
 from mocap_fit.control.cart.model import Cart
 from mocap_fit.control.cart.tree import Tree
-from mocap_fit.errors import FileFormatError
+from mocap_fit.whole_file import whole_file
 
 # Pixels, and letters of a line.
 _WIDTH, _LINE, _PAD, _GAP, _LEVEL = 176, 15, 6, 14, 34
@@ -126,20 +125,8 @@ def write_tree(model: Cart, key: TreeKey, path: str | os.PathLike[str]) -> None:
     FileFormatError
         If the file cannot be written.
     """
-    target = Path(path)
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
-    try:
+    with whole_file(path, "picture") as partial:
         partial.write_text(tree_svg(model, key), encoding="utf-8", newline="\n")
-        os.replace(partial, target)
-    except OSError as error:
-        raise FileFormatError(
-            "the picture cannot be written",
-            path=path,
-            found=error.strerror,
-            advice="Check that the folder exists and may be written to.",
-        ) from None
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 _BOLD, _ITALIC = ' font-weight="bold"', ' font-style="italic" fill="#333"'
