@@ -11,7 +11,7 @@ from mocap_fit.fitting.binding import Binding
 from mocap_fit.fitting.newton import newton_room, solve_frames
 from mocap_fit.fitting.objective import OBJECTIVES, Objective, reference_jacobian
 from mocap_fit.fitting.precision import undetermined
-from mocap_fit.fitting.slots import pack, pack_frames
+from mocap_fit.fitting.slots import aligned_zeros, pack, pack_frames
 from mocap_fit.fitting.solving import (
     CERTIFYING,
     COST_TOLERANCE,
@@ -59,7 +59,7 @@ class CompiledSolver:
         self._code = OBJECTIVES.index(objective)
         self._threshold = threshold
         self._slots = pack(binding)
-        self._room = np.zeros(self._slots.room)
+        self._room = aligned_zeros(self._slots.room)
         self._work = newton_room(self._slots)
         self._bounds = np.ascontiguousarray(binding.rig.bounds)
         self._predict = solver in (NEWTON, NEWTON_NLOPT)

@@ -65,6 +65,8 @@ inner: Any = _njit(error_model="numpy", nogil=True, no_cpython_wrapper=True, no_
 DISTANCES, SQUARES, HUBER, SLOPES = 0, 1, 2, -1
 # Numba compiles a function again for every number that is written out in a call.
 _ONE, _THREE = np.int64(1), np.int64(3)
+# Places are kept without a sign, see `Slots.plan`: sums with numbers that are written out get one.
+_place: Any = np.uint32
 # The sine's and the versine's series, in powers of the angle's square.
 _SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(8))
 _VERSINE = tuple((-1.0) ** k / math.factorial(2 * k + 2) for k in range(8))
@@ -93,7 +95,7 @@ def _amounts(plan, numbers, room, at, value):  # type: ignore[no-untyped-def]
     """S and V of every slot."""
     weights, amounts = plan[at + 2] + WEIGHTS, plan[at + 3] + plan[SIZE]
     for vertex in range(plan[VERTICES]):
-        w, s = weights + vertex * LANES, amounts + vertex * 2 * LANES
+        w, s = _place(weights + vertex * LANES), _place(amounts + vertex * 2 * LANES)
         if plan[at] == ROTATION:
             for m in range(LANES):
                 # Series of the quarter angle, doubled twice: loops over a library's sine do not
@@ -126,8 +128,8 @@ def _turn(plan, numbers, room, at, x, along, across, c0, c1, c2):  # type: ignor
         a0, a1, a2 = numbers[a], numbers[a + along], numbers[a + 2 * along]
         b0, b1, b2 = numbers[a + 9], numbers[a + 9 + along], numbers[a + 9 + 2 * along]
         for vertex in range(plan[VERTICES]):
-            d, s = x + vertex * SLOT, amounts + vertex * 2 * LANES
-            moved = scratch + vertex * SLOT + axis * LANES
+            d, s = _place(x + vertex * SLOT), _place(amounts + vertex * 2 * LANES)
+            moved = _place(scratch + vertex * SLOT + axis * LANES)
             for m in range(LANES):
                 d0, d1, d2 = room[d + m] - c0, room[d + Y + m] - c1, room[d + Z + m] - c2
                 spin, flat = a0 * d0 + a1 * d1 + a2 * d2, b0 * d0 + b1 * d1 + b2 * d2
@@ -144,8 +146,8 @@ def _slope(plan, numbers, room, at, c0, c1, c2):  # type: ignore[no-untyped-def]
         a = plan[at + 2] + MATRICES + 3 * axis
         a0, a1, a2 = numbers[a], numbers[a + 1], numbers[a + 2]
         for vertex in range(plan[VERTICES]):
-            d, w = vertex * SLOT, weights + vertex * LANES
-            slope = slopes + vertex * SLOT + axis * LANES
+            d, w = _place(vertex * SLOT), _place(weights + vertex * LANES)
+            slope = _place(slopes + vertex * SLOT + axis * LANES)
             for m in range(LANES):
                 d0, d1, d2 = room[d + m] - c0, room[d + Y + m] - c1, room[d + Z + m] - c2
                 room[slope + m] = numbers[w + m] * (a0 * d0 + a1 * d1 + a2 * d2)
@@ -173,13 +175,13 @@ def place(plan, numbers, room, values, rows):  # type: ignore[no-untyped-def]
             if plan[at] == ROTATION:
                 _slope(plan, numbers, room, at, c0, c1, c2)
     for block in range(plan[BLOCKS]):
-        o, k = block * (ring + 1) * SLOT, plan[MARKERS] + block * KEPT
-        uvw, row = plan[COORDINATES] + block * SLOT, block * SLOT
+        o, k = _place(block * (ring + 1) * SLOT), _place(plan[MARKERS] + block * KEPT)
+        uvw, row = _place(plan[COORDINATES] + block * SLOT), _place(block * SLOT)
         for m in range(SLOT):
             room[k + NORMAL + m] = 0.0
         for j in range(ring):
-            p = o + (j + 1) * SLOT
-            q = o + SLOT if j == ring - 1 else p + SLOT
+            p = _place(o + (j + 1) * SLOT)
+            q = _place(o + SLOT if j == ring - 1 else p + SLOT)
             for m in range(LANES):
                 # The ring is closed: seen from anywhere, its triangles add up to the same.
                 p0, p1, p2 = room[p + m], room[p + Y + m], room[p + Z + m]
@@ -194,13 +196,13 @@ def place(plan, numbers, room, values, rows):  # type: ignore[no-untyped-def]
             room[k + UNIT + m] = n0 * inverse
             room[k + UNIT + Y + m] = n1 * inverse
             room[k + UNIT + Z + m] = n2 * inverse
-        b, c = o + SLOT, o + 2 * SLOT
-        for axis in range(0, SLOT, LANES):
+        for axis in range(3):
+            a, n = _place(o + axis * LANES), _place(k + UNIT + axis * LANES)
+            along = _place(row + axis * LANES)
             for m in range(LANES):
                 s, t, u = numbers[uvw + m], numbers[uvw + Y + m], numbers[uvw + Z + m]
-                corners = s * room[b + axis + m] + t * room[c + axis + m]
-                corners += (1.0 - s - t) * room[o + axis + m]
-                rows[row + axis + m] = corners + u * room[k + UNIT + axis + m]
+                corners = s * room[a + SLOT + m] + t * room[a + 2 * SLOT + m]
+                rows[along + m] = (1.0 - s - t) * room[a + m] + corners + u * room[n + m]
 
 
 @inner
@@ -270,8 +272,8 @@ def back(plan, numbers, room, axes, out):  # type: ignore[no-untyped-def]
             out[p, i] = 0.0
     for axis in range(axes):
         for block in range(blocks):
-            o, k = block * (ring + 1) * SLOT, plan[MARKERS] + block * KEPT
-            g, uvw = size + o, plan[COORDINATES] + block * SLOT
+            o, k = _place(block * (ring + 1) * SLOT), _place(plan[MARKERS] + block * KEPT)
+            uvw = _place(plan[COORDINATES] + block * SLOT)
             if axes == 3:
                 for m in range(SLOT):
                     room[k + PULL + m] = 0.0
@@ -287,23 +289,24 @@ def back(plan, numbers, room, axes, out):  # type: ignore[no-untyped-def]
                 room[k + Y + m] = tilt * (p1 - along * n1)
                 room[k + Z + m] = tilt * (p2 - along * n2)
             for j in range(ring):
-                p = o + (j + 1) * SLOT
-                after = o + SLOT if j == ring - 1 else p + SLOT
-                before = o + (ring if j == 0 else j) * SLOT
+                p, g = _place(o + (j + 1) * SLOT), _place(size + o + (j + 1) * SLOT)
+                after = _place(o + SLOT if j == ring - 1 else p + SLOT)
+                before = _place(o + (ring if j == 0 else j) * SLOT)
                 for m in range(LANES):
                     e0, e1 = room[after + m] - room[before + m], room[after + Y + m]
                     e1, e2 = e1 - room[before + Y + m], room[after + Z + m] - room[before + Z + m]
                     h0, h1, h2 = room[k + m], room[k + Y + m], room[k + Z + m]
-                    room[size + p + m] = e1 * h2 - e2 * h1
-                    room[size + p + Y + m] = e2 * h0 - e0 * h2
-                    room[size + p + Z + m] = e0 * h1 - e1 * h0
-            for along in range(0, SLOT, LANES):
+                    room[g + m] = e1 * h2 - e2 * h1
+                    room[g + Y + m] = e2 * h0 - e0 * h2
+                    room[g + Z + m] = e0 * h1 - e1 * h0
+            for along in range(3):
+                g, pulls = _place(size + o + along * LANES), _place(k + PULL + along * LANES)
                 for m in range(LANES):
-                    pull = room[k + PULL + along + m]
+                    pull = room[pulls + m]
                     s, t = numbers[uvw + m], numbers[uvw + Y + m]
-                    room[g + along + m] = (1.0 - s - t) * pull
-                    room[g + SLOT + along + m] += s * pull
-                    room[g + 2 * SLOT + along + m] += t * pull
+                    room[g + m] = (1.0 - s - t) * pull
+                    room[g + SLOT + m] += s * pull
+                    room[g + 2 * SLOT + m] += t * pull
         for operation in range(plan[OPERATIONS] - 1, -1, -1):
             at = OPERATION + 4 * operation
             if plan[at] == LINEAR:
@@ -318,10 +321,10 @@ def _share(plan, room, field, start, out, lane):  # type: ignore[no-untyped-def]
     """Add what the adjoint has of a field, marker by marker."""
     slots = plan[RING] + 1
     for block in range(plan[BLOCKS]):
-        k = block * SLOT + lane
+        k = _place(block * SLOT + lane)
         for slot in range(slots):
             i = (block * slots + slot) * SLOT
-            g, f = plan[SIZE] + i, start + i
+            g, f = _place(plan[SIZE] + i), _place(start + i)
             for m in range(LANES):
                 share = room[g + m] * field[f + m] + room[g + Y + m] * field[f + Y + m]
                 out[k + m] += share + room[g + Z + m] * field[f + Z + m]

@@ -19,7 +19,7 @@ from numba import extending
 from numpy.typing import NDArray
 
 from mocap_fit.fitting.kernel import evaluate, inner
-from mocap_fit.fitting.slots import LANES, SLOT, Slots
+from mocap_fit.fitting.slots import LANES, SLOT, Slots, aligned_zeros
 from mocap_fit.tracks import FloatArray
 
 # Numba has no types for a checker to read.
@@ -175,10 +175,10 @@ class NativeSolver:
         rows: list[NDArray[Any]] = [
             slots.plan,
             slots.numbers,
-            np.zeros(slots.room),
-            np.zeros(slots.blocks * 4 * LANES),
-            np.zeros(slots.blocks * SLOT),
-            np.zeros(count * slots.blocks * SLOT),
+            aligned_zeros(slots.room),
+            aligned_zeros(slots.blocks * 4 * LANES),
+            aligned_zeros(slots.blocks * SLOT),
+            aligned_zeros(count * slots.blocks * SLOT),
             np.array([float(objective), threshold]),
             scale,
             np.zeros(2),

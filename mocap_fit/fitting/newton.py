@@ -29,13 +29,13 @@ from mocap_fit.fitting.kernel import (
     subtract,
     sum_of_lanes,
 )
-from mocap_fit.fitting.slots import LANES, SLOT, Slots, Y, Z
+from mocap_fit.fitting.slots import LANES, SLOT, Slots, Y, Z, aligned_zeros
 from mocap_fit.tracks import FloatArray
 
 # A distance counts as this much at least (mm), so that it can be divided by.
 _LEAST = 1e-6
 _ROUNDS, _STEPS, _HALVINGS = 30, 60, 12
-_LOOSE = 1e-3
+_LOOSE = 3e-3
 # Rows of `NewtonRoom.rows`: virtual markers at the best point; residuals there, at the model's
 # best point, and at the point that is tried; the dual variables.
 _VIRTUAL, _START, _HERE, _TRIAL, _DUAL = range(5)
@@ -79,14 +79,14 @@ def newton_room(slots: Slots) -> NewtonRoom:
     """Room for the solver."""
     rows, count = slots.blocks * SLOT, slots.parameters
     return NewtonRoom(
-        np.zeros((5, rows)),
-        np.zeros((7, rows // 3)),
-        np.zeros((count, rows)),
-        np.zeros((count, rows)),
-        np.zeros((6, count)),
-        np.zeros((count, count)),
-        np.zeros((count, count)),
-        np.zeros(LANES),
+        aligned_zeros(5, rows),
+        aligned_zeros(7, rows // 3),
+        aligned_zeros(count, rows),
+        aligned_zeros(count, rows),
+        aligned_zeros(6, count),
+        aligned_zeros(count, count),
+        aligned_zeros(count, count),
+        aligned_zeros(LANES),
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.fitting.binding import Binding
-from mocap_fit.fitting.slots import SLOT, pack, pack_frames
+from mocap_fit.fitting.slots import SLOT, aligned_zeros, pack, pack_frames
 from mocap_fit.tracks import FloatArray
 
 Objective = Literal["distances", "squares", "huber"]
@@ -45,8 +45,8 @@ class Evaluator:
         if self._kernel is not None:
             self._slots = pack(binding)
             rows = self._slots.blocks * SLOT
-            self._room, self._rows = np.zeros(self._slots.room), np.zeros((1, rows))
-            self._shares = np.zeros((1, self._slots.parameters, rows))
+            self._room, self._rows = aligned_zeros(self._slots.room), aligned_zeros(1, rows)
+            self._shares = aligned_zeros(1, self._slots.parameters, rows)
             self._code = OBJECTIVES.index(objective)
         self.set_frame(np.zeros((len(binding.names), 3)), np.ones(len(binding.names), dtype=bool))
 

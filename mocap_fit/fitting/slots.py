@@ -17,6 +17,7 @@ array that a function is given.
 
 from __future__ import annotations
 
+import math
 import weakref
 from typing import Any, NamedTuple
 
@@ -39,8 +40,9 @@ LINEAR, ROTATION, SCALING = 0, 1, 2
 # where in the room a turn has its place.
 BLOCKS, RING, VERTICES, SIZE, PARAMETERS, OPERATIONS = range(6)
 COORDINATES, SCRATCH, MARKERS, OPERATION = range(6, 10)
-# What the numbers of a turn begin with: A, B and c, then a weight for each slot.
-MATRICES, CENTRE, WEIGHTS = 0, 18, 21
+# What the numbers of a turn begin with: A, B and c, then, on a line of the cache, a weight for
+# each slot.
+MATRICES, CENTRE, WEIGHTS = 0, 18, 24
 # Numbers that the kernel keeps of a block's markers: the normal before it has unit length (3), the
 # unit normal (3), u over the normal's length, and what pulls at the virtual marker (3).
 NORMAL, UNIT, TILT, PULL, KEPT = 0, 3 * LANES, 6 * LANES, 7 * LANES, 10 * LANES
@@ -78,6 +80,17 @@ class Slots(NamedTuple):
         return int(self.plan[PARAMETERS])
 
 
+def aligned_zeros(*shape: int) -> FloatArray:
+    """Zeros of a shape that begin on a line of the cache, of 64 bytes.
+
+    What is read eight numbers at a time would else be read from two lines each time.
+    """
+    count = math.prod(shape)
+    zeros = np.zeros(count + 8)
+    start = -(zeros.ctypes.data // 8) % 8
+    return zeros[start : start + count].reshape(shape)
+
+
 _packed: weakref.WeakKeyDictionary[Binding, Slots] = weakref.WeakKeyDictionary()
 
 
@@ -111,14 +124,16 @@ def _pack(binding: Binding) -> Slots:
             parts.append(in_blocks(item[ids]))
         else:
             weights, matrices, centre = item
-            parts += [matrices.ravel(), centre, in_blocks(weights[ids])]
+            parts += [matrices.ravel(), centre, np.zeros(WEIGHTS - 21), in_blocks(weights[ids])]
             room += size + 2 * ids.size
     coordinates = np.zeros((1, markers, 3))
     coordinates[0, : len(binding.names)] = binding.coordinates
     counts = [compiled.parameter_count, len(plan) // 4, sum(map(len, parts)), 2 * size, 3 * size]
     parts.append(in_blocks(coordinates))
     plan = [blocks, slots - 1, blocks * slots, size, *counts, *plan]
-    return Slots(np.array(plan, dtype=np.uint32), np.concatenate(parts), room)
+    numbers = aligned_zeros(sum(map(len, parts)))
+    np.concatenate(parts, out=numbers)
+    return Slots(np.array(plan, dtype=np.uint32), numbers, room)
 
 
 def pack_frames(targets: FloatArray, weights: FloatArray) -> FloatArray:
@@ -143,8 +158,10 @@ def pack_frames(targets: FloatArray, weights: FloatArray) -> FloatArray:
     seen = np.isfinite(targets[:, :, 0])
     packed[:, :count, :3] = np.where(seen[:, :, None], targets, 0.0)
     packed[:, :count, 3] = np.where(seen, weights, 0.0)
+    result = aligned_zeros(frames, blocks * 4 * LANES)
     split = packed.reshape(frames, blocks, LANES, 4).transpose(0, 1, 3, 2)
-    return np.ascontiguousarray(split).reshape(frames, blocks * 4 * LANES)
+    result.reshape(split.shape)[...] = split
+    return result
 
 
 def _operations(compiled: CompiledRig) -> list[tuple[int, int, Any]]:

@@ -306,19 +306,25 @@ class TestStopped:
     def test_killed_at_any_moment_and_taken_up_again(self, jobs, longer, tmp_path):
         assert fit(longer, tmp_path / "whole") == 0
         out, moments = tmp_path / "out", random.Random(jobs)
+        killed = 0
         for _ in range(3):
-            done = len(list(out.glob("*.parquet"))) if out.exists() else 0
+            done = len(list(out.glob("*.parquet")))
             process = started(arguments(longer, out, "--jobs", jobs))
             wait_until(
-                lambda done=done: len(list(out.glob("*.parquet"))) > done if out.exists() else False
+                lambda done=done, process=process: (
+                    process.poll() is not None or len(list(out.glob("*.parquet"))) > done
+                )
             )
-            time.sleep(moments.uniform(0, 0.4))
+            time.sleep(moments.uniform(0, 0.1))
             process.kill()
             process.communicate(timeout=60)
             # Those that it started end too, and do not write on.
             wait_until(lambda process=process: is_gone(process.pid))
+            # The last of them may find little left, and end by itself.
+            killed += process.returncode == -signal.SIGKILL
+        assert killed
         before = {path.name: path.stat().st_mtime_ns for path in out.glob("*.parquet")}
-        assert len(before) >= 3
+        assert before
         assert fit(longer, out, "--jobs", jobs) == 0
         assert sums(out) == sums(tmp_path / "whole")
         assert {name: (out / name).stat().st_mtime_ns for name in before} == before
