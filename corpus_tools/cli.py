@@ -17,6 +17,7 @@ imported when the command is called, so that ``mocap-fit --help`` answers at onc
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -62,7 +63,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if reconfigure is not None:
             reconfigure(errors="backslashreplace")
     given = None if arguments is None else list(arguments)
-    return console.guarded(lambda: app(args=given, prog_name=console.PROGRAM))
+    status = console.guarded(lambda: app(args=given, prog_name=console.PROGRAM))
+    if arguments is None:
+        # The process ends: to look for what could be freed would take a third of a second.
+        gc.freeze()
+    return status
 
 
 def _print_version(wanted: bool) -> None:
@@ -197,6 +202,8 @@ def fit(
             "goes without --jobs: the cluster has its own", param_hint="--dask"
         )
     spread.limit_threads()
+    if jobs != 1:
+        spread.get_ready("corpus_tools.one_recording", "mocap_fit.fitting.compiled_solver")
     from corpus_tools import fit as command
     from mocap_fit.fitting.objective import OBJECTIVES
     from mocap_fit.fitting.solving import SOLVERS

@@ -27,6 +27,9 @@ Work = Callable[[Any, Any, Callable[[int, int], object]], Any]
 Told = Callable[[int, int, int], object]
 Results = Generator[tuple[int, Any], None, None]
 
+# Where it can be, processes are copies of one that has loaded their modules.
+_COPIES = "forkserver"
+_METHOD = _COPIES if _COPIES in multiprocessing.get_all_start_methods() else "spawn"
 # How often those who wait look how far the processes are, in seconds.
 _POLL = 0.2
 # Seconds within which a scheduler and its workers must answer.
@@ -56,6 +59,20 @@ def available_processes() -> int:
     """How many processes can work at once on this machine."""
     usable = getattr(os, "sched_getaffinity", None)
     return len(usable(0)) if usable is not None else os.cpu_count() or 1
+
+
+def get_ready(*modules: str) -> None:
+    """Let the process that others are copied from load modules, while this one goes on.
+
+    Where processes are not copied, as on Windows, each loads its modules itself, and nothing is
+    done here. Only the first call counts.
+    """
+    if _METHOD == _COPIES:
+        from multiprocessing import forkserver
+
+        forkserver.set_forkserver_preload([*modules, "corpus_tools.frozen"])
+        with _without_interrupt():
+            forkserver.ensure_running()
 
 
 def in_turn(work: Work, shared: Any, items: Iterable[Any], told: Told) -> Results:
@@ -107,7 +124,8 @@ def _in_a_pool(
     work: Work, shared: Any, waiting: deque[tuple[int, Any]], jobs: int, told: Told
 ) -> Generator[tuple[int, Any], None, list[tuple[int, Any]]]:
     """Work on what is waiting until all is done or a process dies; returns what it left."""
-    context = multiprocessing.get_context("spawn")
+    get_ready(work.__module__)
+    context = multiprocessing.get_context(_METHOD)
     # More items than processes, so that none waits for us.
     places = list(range(2 * jobs))
     how_far = context.RawArray("q", 2 * len(places))

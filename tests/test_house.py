@@ -47,6 +47,7 @@ ROOMS = {
         "trees",
         "manifest",
         "simulate",
+        "frozen",
         "spread",
         "speaker",
         "long_recording",
