@@ -17,7 +17,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import IntEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from mocap_fit.errors import ConfigurationError, MocapFitError, MocapFitWarning
 from mocap_fit.whole_file import whole_file
@@ -233,6 +233,10 @@ def screen() -> Console:
     from rich.console import Console
 
     class Screen(Console):
+        def print(self, *objects: Any, **options: Any) -> None:
+            # A table that is too wide runs over the edge; rich would cut it off.
+            super().print(*objects, **{"crop": False, **options})
+
         def on_broken_pipe(self) -> None:  # rich would end with the status of bad data
             raise ReaderGoneError
 
@@ -255,7 +259,10 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
 
     made = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     for i, name in enumerate(header):
-        made.add_column(name, justify="right" if i else "left", no_wrap=True)
+        # Where the terminal is narrow the names of columns are broken, and no number is cut.
+        widest = max((len(row[i]) for row in rows), default=0)
+        justify: Literal["left", "right"] = "right" if i else "left"
+        made.add_column(name, justify=justify, min_width=widest, overflow="fold")
     for row in rows:
         made.add_row(*row)
     return made

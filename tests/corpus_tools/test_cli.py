@@ -234,6 +234,21 @@ class TestProgress:
         assert capsys.readouterr().out == ""
 
 
+class TestTables:
+    CELLS = ("Cohen-Massaro", "8.91 [8.61, 9.16]", "0.795 [0.779, 0.809]", "100.0 %")
+
+    @pytest.mark.parametrize("columns", [20, 60, 200])
+    def test_no_cell_is_cut_or_broken_however_narrow_the_screen(self, columns, capsys, monkeypatch):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        header = ("model", "error in % of the range", "correlation but silence", "lips closed")
+        console.screen().print(console.table(header, [self.CELLS]))
+        *above, last = capsys.readouterr().out.splitlines()
+        assert [cell.strip() for cell in last.split("  ") if cell.strip()] == list(self.CELLS)
+        words = " ".join(above).split()
+        assert {word for name in header for word in name.split()} <= set(words)
+        assert (len(above) > 2) == (columns < 200)
+
+
 class TestJson:
     def test_what_is_not_json_becomes_json(self, tmp_path, capsys):
         console.print_json(
