@@ -35,6 +35,11 @@ UTTERANCES = 287
 _RATE = 60.0
 _SEED = 7
 _SENTENCES, _SPEAKER, _SAID = 1, 2, 3
+# What a talking head needs and is not a kind's default: lips that close on every p, b and m.
+_LIPS = ("jaw_rotation", "upper_lip_raise", "lower_lip_depression")
+_SETTINGS: dict[str, dict[str, Any]] = {
+    "cart": {"closures": dict.fromkeys(_LIPS, "learned")},
+}
 
 
 def languages() -> tuple[str, ...]:
@@ -94,7 +99,9 @@ def folder() -> Path:
 
 def cached_file(name: str, language: str, utterances: int = UTTERANCES) -> Path:
     """Where the trained model of a kind and a language is kept, or would be."""
-    digest = hashlib.sha256(f"{mocap_fit.__version__} {np.__version__} {utterances}".encode())
+    settings = _SETTINGS.get(name, {})
+    made_with = f"{mocap_fit.__version__} {np.__version__} {utterances} {settings}"
+    digest = hashlib.sha256(made_with.encode())
     for path in _sources(name):
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
@@ -134,7 +141,7 @@ def prepared(
     ConfigurationError
         If there are no sentences of the language.
     """
-    made = control.create(name, **(settings or {}))
+    made = control.create(name, **(_SETTINGS.get(name, {}) | (settings or {})))
     if language not in languages():
         raise ConfigurationError(
             f"the model '{name}' cannot be trained for the language '{language}': there are no "
