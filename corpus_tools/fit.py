@@ -169,14 +169,11 @@ def _fit_all(
     outcomes: dict[int, Outcome] = {}
     told = 0
     pairs = list(zip(files, targets, strict=True))
-    processes = min(jobs or spread.available_processes(), len(files))
     with console.frames_progress("fitting recordings", [_size(file) for file in files]) as meter:
         if cluster is not None:
             results = _on_cluster(task, pairs, cluster)
-        elif processes > 1:
-            results = spread.over_processes(fit_here, task, pairs, processes, meter.told)
         else:
-            results = spread.in_turn(fit_here, task, pairs, meter.told)
+            results = spread.on_this_machine(fit_here, task, pairs, jobs, meter.told)
         with contextlib.closing(results):
             for index, result in results:
                 if isinstance(result, spread.Died):

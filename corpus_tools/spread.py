@@ -15,7 +15,7 @@ import signal
 import threading
 import warnings
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -73,6 +73,19 @@ def get_ready(*modules: str) -> None:
         forkserver.set_forkserver_preload([*modules, "corpus_tools.frozen"])
         with _without_interrupt():
             forkserver.ensure_running()
+
+
+def on_this_machine(
+    work: Work, shared: Any, items: Sequence[Any], jobs: int, told: Told
+) -> Results:
+    """Work over as many processes as are wanted and of use: 0 for one a core.
+
+    The rest is as for `over_processes`.
+    """
+    processes = min(jobs or available_processes(), len(items))
+    if processes > 1:
+        return over_processes(work, shared, items, processes, told)
+    return in_turn(work, shared, items, told)
 
 
 def in_turn(work: Work, shared: Any, items: Iterable[Any], told: Told) -> Results:

@@ -125,17 +125,14 @@ def _convert_all(
     plan: Plan, task: Task, jobs: int, cluster: str | None
 ) -> Iterator[tuple[str, Outcome]]:
     items = plan.jobs
-    processes = min(jobs or spread.available_processes(), len(items))
     sizes = [_size(task.root, job) for job in items]
     if not items:
         return
     with console.frames_progress("converting utterances", sizes) as meter:
         if cluster is not None:
             results = _on_cluster(task, items, cluster)
-        elif processes > 1:
-            results = spread.over_processes(convert_here, task, items, processes, meter.told)
         else:
-            results = spread.in_turn(convert_here, task, items, meter.told)
+            results = spread.on_this_machine(convert_here, task, items, jobs, meter.told)
         with contextlib.closing(results):
             for index, result in results:
                 if isinstance(result, spread.Died):
