@@ -52,7 +52,8 @@ def speak(
     speed: Annotated[float, typer.Option(help="Words a minute.")] = 160.0,
     rate: Annotated[float, typer.Option(min=1, max=240, help="Frames a second.")] = 25.0,
     view: Annotated[
-        list[str] | None, typer.Option(help="front, three-quarter or side; repeatable.")
+        list[str] | None,
+        typer.Option(metavar="VIEW", help="front, three-quarter or side; repeatable."),
     ] = None,
     size: Annotated[int, typer.Option(min=64, max=4096, help="Pixels each way of a head.")] = 640,
     zoom: Annotated[float, typer.Option(min=0.2, max=20, help="Above 1.3 is closer.")] = 1.3,
