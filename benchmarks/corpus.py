@@ -92,14 +92,14 @@ def newton_alone(session: Path) -> float:
     return time.process_time() - start
 
 
-def elapsed(session: Path, out: Path, jobs: int) -> float:
-    """Seconds by the clock for the command in a process of its own."""
+def elapsed(session: Path, out: Path, jobs: int) -> tuple[float, float]:
+    """Seconds by the clock for the command in a process of its own, and from the speaker on."""
     code = "import sys; from corpus_tools import cli; sys.exit(cli.main())"
     shutil.rmtree(out, ignore_errors=True)
-    run = [sys.executable, "-c", code, *command(session, out, "--jobs", str(jobs))]
+    run = [sys.executable, "-c", code, *command(session, out, "--json", "--jobs", str(jobs))]
     start = time.perf_counter()
-    subprocess.run(run, check=True, capture_output=True)
-    return time.perf_counter() - start
+    said = json.loads(subprocess.run(run, check=True, capture_output=True).stdout)["seconds"]
+    return time.perf_counter() - start, said["elapsed"] - said["speaker"]
 
 
 def main() -> None:
@@ -133,9 +133,14 @@ def main() -> None:
             [elapsed(session, folder / "timed", jobs) for jobs in (1, arguments.jobs)]
             for _ in range(arguments.rounds)
         ]
-        one, several = map(min, zip(*rounds, strict=True))
+        (one, own), (several, shared) = (
+            map(min, zip(*runs, strict=True)) for runs in zip(*rounds, strict=True)
+        )
         print(f"by the clock, with the start of Python: one process {one:.1f} s,")
         print(f"  {arguments.jobs} processes {several:.1f} s, {one / several:.2f} times as fast")
+        print(
+            f"  without it and the speaker: {own:.1f} s, {shared:.1f} s, {own / shared:.2f} times"
+        )
 
 
 if __name__ == "__main__":
