@@ -1,6 +1,6 @@
 """A corpus of sentences fitted by one command, and how its time divides.
 
-    python benchmarks/corpus.py [--sentences 287] [--seconds 5] [--jobs 2]
+    python benchmarks/corpus.py [--sentences 287] [--seconds 5] [--jobs 2] [--rounds 3]
 
 Sentences are simulated at 60 Hz, with head motion, gaps and 0.3 mm of noise, and written as
 Qualisys TSV; then ``mocap-fit fit`` fits them all. Beside it the same is done in parts: the files

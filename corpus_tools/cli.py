@@ -65,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = None if arguments is None else list(arguments)
     status = console.guarded(lambda: app(args=given, prog_name=console.PROGRAM))
     if arguments is None:
-        # The process ends: to look for what could be freed would take a third of a second.
+        # The process ends: to look for what could be freed takes up to a third of a second.
         gc.freeze()
     return status
 

@@ -124,7 +124,12 @@ def _pack(binding: Binding) -> Slots:
             parts.append(in_blocks(item[ids]))
         else:
             weights, matrices, centre = item
-            parts += [matrices.ravel(), centre, np.zeros(WEIGHTS - 21), in_blocks(weights[ids])]
+            parts += [
+                matrices.ravel(),
+                centre,
+                np.zeros(WEIGHTS - CENTRE - 3),
+                in_blocks(weights[ids]),
+            ]
             room += size + 2 * ids.size
     coordinates = np.zeros((1, markers, 3))
     coordinates[0, : len(binding.names)] = binding.coordinates
