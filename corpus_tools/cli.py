@@ -202,8 +202,6 @@ def fit(
             "goes without --jobs: the cluster has its own", param_hint="--dask"
         )
     spread.limit_threads()
-    if jobs != 1:
-        spread.get_ready("corpus_tools.one_recording", "mocap_fit.fitting.compiled_solver")
     from corpus_tools import fit as command
     from mocap_fit.fitting.objective import OBJECTIVES
     from mocap_fit.fitting.solving import SOLVERS

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 PROGRAM = "mocap-fit"
 DEBUG_VARIABLE = "MOCAP_FIT_DEBUG"
+# A bar that shows frames is drawn anew after this many seconds, if there is news.
+_REDRAWN = 0.1
 
 
 class Status(IntEnum):
@@ -414,9 +416,20 @@ def _frames_bar(task: str) -> Iterator[Callable[[float, int, str], object]]:
     from rich.progress import BarColumn, Progress, TextColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[said]}"))
-    with Progress(*columns, console=Console(stderr=True)) as shown:
+    # Drawn when there is news and not by a thread: processes are copied from this one.
+    with Progress(*columns, console=Console(stderr=True), auto_refresh=False) as shown:
         row = shown.add_task(task, total=1.0, said="")
-        yield lambda part, count, text: shown.update(row, completed=part, said=text)
+        drawn = -math.inf
+
+        def show(part: float, count: int, text: str) -> None:
+            nonlocal drawn
+            now = time.monotonic()
+            due = now - drawn >= _REDRAWN
+            if due:
+                drawn = now
+            shown.update(row, completed=part, said=text, refresh=due)
+
+        yield show
 
 
 def _on_terminal() -> bool:

@@ -56,8 +56,6 @@ def convert(
             "goes without --jobs: the cluster has its own", param_hint="--dask"
         )
     spread.limit_threads()
-    if jobs != 1:
-        spread.get_ready("corpus_tools.convert.utterance", "mocap_fit.fitting.compiled_solver")
     from corpus_tools import convert as command
 
     raise typer.Exit(

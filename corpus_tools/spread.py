@@ -8,11 +8,15 @@ top of a module, ``work(shared, item, told)``; ``told(done, of)`` takes how far 
 from __future__ import annotations
 
 import contextlib
+import gc
 import logging
 import multiprocessing
 import os
+import pickle
 import signal
+import sys
 import threading
+import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
@@ -27,9 +31,6 @@ Work = Callable[[Any, Any, Callable[[int, int], object]], Any]
 Told = Callable[[int, int, int], object]
 Results = Generator[tuple[int, Any], None, None]
 
-# Where it can be, processes are copies of one that has loaded their modules.
-_COPIES = "forkserver"
-_METHOD = _COPIES if _COPIES in multiprocessing.get_all_start_methods() else "spawn"
 # How often those who wait look how far the processes are, in seconds.
 _POLL = 0.2
 # Seconds within which a scheduler and its workers must answer.
@@ -46,33 +47,21 @@ class Died:
 
 
 def limit_threads() -> None:
-    """Let linear algebra use one thread a process, where numpy is not loaded yet.
+    """Let libraries use one thread a process, those that are not loaded yet.
 
     The matrices of a frame are small, and processes would fight for the cores. Processes that
     are started later inherit it.
     """
     for library in ("OMP", "OPENBLAS", "MKL", "VECLIB_MAXIMUM"):
         os.environ[f"{library}_NUM_THREADS"] = "1"
+    # pyarrow begins a thread when it is imported, for an allocator that it does not use.
+    os.environ["JE_ARROW_MALLOC_CONF"] = "background_thread:false"
 
 
 def available_processes() -> int:
     """How many processes can work at once on this machine."""
     usable = getattr(os, "sched_getaffinity", None)
     return len(usable(0)) if usable is not None else os.cpu_count() or 1
-
-
-def get_ready(*modules: str) -> None:
-    """Let the process that others are copied from load modules, while this one goes on.
-
-    Where processes are not copied, as on Windows, each loads its modules itself, and nothing is
-    done here. Only the first call counts.
-    """
-    if _METHOD == _COPIES:
-        from multiprocessing import forkserver
-
-        forkserver.set_forkserver_preload([*modules, "corpus_tools.frozen"])
-        with _without_interrupt():
-            forkserver.ensure_running()
 
 
 def on_this_machine(
@@ -104,7 +93,7 @@ def over_processes(work: Work, shared: Any, items: Iterable[Any], jobs: int, tol
     Parameters
     ----------
     work, shared, items
-        What is done with what; both are sent to fresh processes, the same on every system.
+        What is done with what; what a process works with is its own, and changes nothing here.
     jobs
         How many processes.
     told
@@ -133,19 +122,33 @@ def over_processes(work: Work, shared: Any, items: Iterable[Any], jobs: int, tol
             yield index, Died("the process that worked on it was killed, or ran out of memory")
 
 
+def start_method() -> str:
+    """How processes begin: as copies of this one, or from nothing, which takes a second longer.
+
+    A copy has one thread, whatever the others were at, and waits forever for what one of them
+    held. So this process is copied only while it has no other; libraries have theirs too, which
+    Python does not count. On macOS the system's own libraries do not bear copying.
+    """
+    if sys.platform == "linux" and len(os.listdir("/proc/self/task")) == 1:
+        return "fork"
+    return "spawn"
+
+
 def _in_a_pool(
     work: Work, shared: Any, waiting: deque[tuple[int, Any]], jobs: int, told: Told
 ) -> Generator[tuple[int, Any], None, list[tuple[int, Any]]]:
     """Work on what is waiting until all is done or a process dies; returns what it left."""
-    get_ready(work.__module__)
-    context = multiprocessing.get_context(_METHOD)
+    context = multiprocessing.get_context(start_method())
     # More items than processes, so that none waits for us.
     places = list(range(2 * jobs))
     how_far = context.RawArray("q", 2 * len(places))
     others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(
-        jobs, mp_context=context, initializer=_begin, initargs=(work, shared, how_far)
-    )
+    # No lock, nor what has one, as an event: who is killed may have held it.
+    all_are_there = context.RawValue("b", 0)
+    # As bytes: who starts a process waits until it has read all that it is given, and to read
+    # objects it has to import what they are made of first.
+    given = (work, pickle.dumps(shared), how_far, all_are_there)
+    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin, initargs=given)
     under_way: dict[Future[Any], tuple[int, int, Any]] = {}
     lost: list[tuple[int, Any]] = []
     complete = False
@@ -161,6 +164,7 @@ def _in_a_pool(
                     lost.append(waiting.popleft())
                 else:
                     under_way[future] = (place, *waiting.popleft())
+            all_are_there.value = 1
             done, _ = wait(under_way, timeout=_POLL, return_when=FIRST_COMPLETED)
             for future in sorted(done, key=lambda future: under_way[future][1]):
                 place, index, item = under_way.pop(future)
@@ -199,10 +203,15 @@ def _without_interrupt() -> Iterator[None]:
 _own: dict[str, Any] = {}
 
 
-def _begin(work: Work, shared: Any, how_far: Any) -> None:
+def _begin(work: Work, shared: bytes, how_far: Any, all_are_there: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _own.update(work=work, shared=shared, how_far=how_far)
+    # What there is already is there to stay: nothing is looked for in it, and copies share it.
+    gc.freeze()
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    _own.update(work=work, shared=pickle.loads(shared), how_far=how_far)
+    # Until 3.12 Python hangs where one process dies while another is being started.
+    while not all_are_there.value:
+        time.sleep(0.005)
 
 
 def _end_with_parent() -> None:

@@ -110,6 +110,63 @@ class TestProcesses:
         assert time.monotonic() - began < 30
 
 
+# What a program of its own does: this one has threads of the libraries that other tests use.
+BY_COPIES = """
+import json, os, threading
+from corpus_tools import spread
+
+loaded_here = []
+
+def work(shared, item, told):
+    if item == 3:
+        os._exit(9)
+    return shared + item, len(loaded_here)
+
+if __name__ == "__main__":
+    loaded_here.append("before the processes began")
+    results = dict(spread.over_processes(work, 100, range(6), 2, lambda *how_far: None))
+    died = [i for i, result in results.items() if isinstance(result, spread.Died)]
+    print(json.dumps([died, {i: results[i] for i in results if i not in died}]))
+"""
+
+LOADED = """
+from corpus_tools import spread
+spread.limit_threads()
+from corpus_tools import convert, fit
+import mocap_fit.fitting.compiled_solver, pandas, pyarrow.parquet, threading
+found = [spread.start_method()]
+over = threading.Event()
+thread = threading.Thread(target=over.wait)
+thread.start()
+found.append(spread.start_method())
+over.set()
+print(*found)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere processes are not copied")
+class TestCopies:
+    def run(self, code, tmp_path):
+        (tmp_path / "program.py").write_text(code, encoding="utf-8")
+        done = subprocess.run(
+            [sys.executable, "-W", "error", tmp_path / "program.py"],
+            capture_output=True,
+            check=True,
+            encoding="utf-8",
+        )
+        assert done.stderr == ""
+        return done.stdout
+
+    def test_a_process_without_threads_is_copied_and_one_with_threads_is_not(self, tmp_path):
+        """The first also tells of a library that begins a thread when it is imported."""
+        assert self.run(LOADED, tmp_path).split() == ["fork", "spawn"]
+
+    def test_copies_have_what_is_loaded_and_one_that_dies_is_named(self, tmp_path):
+        died, results = json.loads(self.run(BY_COPIES, tmp_path))
+        assert died == [3]
+        assert results == {str(i): [100 + i, 1] for i in (0, 1, 2, 4, 5)}
+
+
 class TestTheSameWhoeverDoesIt:
     def test_bytes_report_and_messages(self, folder, undisturbed, tmp_path, capsys):
         bad = tmp_path / "sim000.tsv"
