@@ -12,11 +12,9 @@ import gc
 import logging
 import multiprocessing
 import os
-import pickle
 import signal
 import sys
 import threading
-import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
@@ -143,12 +141,14 @@ def _in_a_pool(
     places = list(range(2 * jobs))
     how_far = context.RawArray("q", 2 * len(places))
     others = set(multiprocessing.active_children())
-    # No lock, nor what has one, as an event: who is killed may have held it.
-    all_are_there = context.RawValue("b", 0)
-    # As bytes: who starts a process waits until it has read all that it is given, and to read
-    # objects it has to import what they are made of first.
-    given = (work, pickle.dumps(shared), how_far, all_are_there)
-    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin, initargs=given)
+    # Who starts a process waits until it has read what it begins with, so that this is little;
+    # and until 3.12 Python hangs where one dies while another is being started, so that none
+    # works before all are there.
+    later = context.Queue()
+    to_give = jobs
+    pool = ProcessPoolExecutor(
+        jobs, mp_context=context, initializer=_begin, initargs=(work, later, how_far)
+    )
     under_way: dict[Future[Any], tuple[int, int, Any]] = {}
     lost: list[tuple[int, Any]] = []
     complete = False
@@ -164,7 +164,9 @@ def _in_a_pool(
                     lost.append(waiting.popleft())
                 else:
                     under_way[future] = (place, *waiting.popleft())
-            all_are_there.value = 1
+            for _ in range(to_give):
+                later.put(shared)
+            to_give = 0
             done, _ = wait(under_way, timeout=_POLL, return_when=FIRST_COMPLETED)
             for future in sorted(done, key=lambda future: under_way[future][1]):
                 place, index, item = under_way.pop(future)
@@ -183,6 +185,8 @@ def _in_a_pool(
             for process in set(multiprocessing.active_children()) - others:
                 process.terminate()
         pool.shutdown(wait=True, cancel_futures=True)
+        later.cancel_join_thread()
+        later.close()
     return sorted(lost, key=lambda pair: pair[0])
 
 
@@ -203,15 +207,12 @@ def _without_interrupt() -> Iterator[None]:
 _own: dict[str, Any] = {}
 
 
-def _begin(work: Work, shared: bytes, how_far: Any, all_are_there: Any) -> None:
+def _begin(work: Work, later: Any, how_far: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # What there is already is there to stay: nothing is looked for in it, and copies share it.
     gc.freeze()
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _own.update(work=work, shared=pickle.loads(shared), how_far=how_far)
-    # Until 3.12 Python hangs where one process dies while another is being started.
-    while not all_are_there.value:
-        time.sleep(0.005)
+    _own.update(work=work, shared=later.get(), how_far=how_far)
 
 
 def _end_with_parent() -> None:
