@@ -137,6 +137,8 @@ def _in_a_pool(
 ) -> Generator[tuple[int, Any], None, list[tuple[int, Any]]]:
     """Work on what is waiting until all is done or a process dies; returns what it left."""
     context = multiprocessing.get_context(start_method())
+    # No more are started than there are items: each takes what it works with.
+    jobs = min(jobs, len(waiting))
     # More items than processes, so that none waits for us.
     places = list(range(2 * jobs))
     how_far = context.RawArray("q", 2 * len(places))

@@ -95,6 +95,15 @@ class TestProcesses:
         assert os.getpid() not in workers
         assert 1 <= len(workers) <= 2
 
+    def test_fewer_items_than_processes_leave_nothing_behind(self):
+        """Not even what was meant for a process that is not needed, and fills a pipe."""
+        before = set(threading.enumerate())
+        large = np.zeros(400_000)
+        results = dict(spread.over_processes(square, large, range(2), 4, ignore))
+        assert [results[i][0][-1] for i in range(2)] == [0, 1]
+        wait_until(lambda: set(threading.enumerate()) <= before, seconds=10)
+        assert not multiprocessing.active_children()
+
     def test_an_item_that_kills_its_process_is_named_and_the_others_are_done(self):
         results = dict(spread.over_processes(die_at_three, None, range(6), 2, ignore))
         assert sorted(results) == list(range(6))
@@ -112,7 +121,7 @@ class TestProcesses:
 
 # What a program of its own does: this one has threads of the libraries that other tests use.
 BY_COPIES = """
-import json, os, threading
+import json, os
 from corpus_tools import spread
 
 loaded_here = []
