@@ -15,6 +15,7 @@ import numpy as np
 import mocap_fit
 from corpus_tools import console, spread
 from corpus_tools.console import Status
+from corpus_tools.frames_meter import frames_progress
 from corpus_tools.one_recording import (
     Outcome,
     Task,
@@ -169,7 +170,7 @@ def _fit_all(
     outcomes: dict[int, Outcome] = {}
     told = 0
     pairs = list(zip(files, targets, strict=True))
-    with console.frames_progress("fitting recordings", [_size(file) for file in files]) as meter:
+    with frames_progress("fitting recordings", [_size(file) for file in files]) as meter:
         if cluster is not None:
             results = _on_cluster(task, pairs, cluster)
         else:

@@ -42,12 +42,12 @@ ROOMS = {
     # runs other commands and draws what they found, the one entry.
     "corpus_tools": (
         "console",
+        "frames_meter",
         "contents",
         "info",
         "trees",
         "manifest",
         "simulate",
-        "frozen",
         "spread",
         "speaker",
         "long_recording",

@@ -23,6 +23,7 @@ from corpus_tools.convert.utterance import (
     make_folders,
     write_sent,
 )
+from corpus_tools.frames_meter import frames_progress
 from corpus_tools.manifest import Manifest, entries, load_manifest, recorded
 from mocap_fit.errors import ConfigurationError, MocapFitError
 from mocap_fit.phones import phone_set_names
@@ -128,7 +129,7 @@ def _convert_all(
     sizes = [_size(task.root, job) for job in items]
     if not items:
         return
-    with console.frames_progress("converting utterances", sizes) as meter:
+    with frames_progress("converting utterances", sizes) as meter:
         if cluster is not None:
             results = _on_cluster(task, items, cluster)
         else:

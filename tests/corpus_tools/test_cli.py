@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import signal
 import subprocess
 import sys
 import warnings
@@ -176,6 +177,20 @@ class TestBoundary:
 
         assert console.guarded(action) == 130
         assert error_lines(capsys) == ["mocap-fit: stopped"]
+
+    def test_ctrl_c_that_a_library_makes_another_error_of(self, capsys):
+        """As numpy does where it compares rows."""
+        before = signal.getsignal(signal.SIGINT)
+
+        def action():
+            try:
+                signal.raise_signal(signal.SIGINT)
+            except KeyboardInterrupt:
+                raise TypeError("cannot compare") from None
+
+        assert console.guarded(action) == 130
+        assert error_lines(capsys) == ["mocap-fit: stopped"]
+        assert signal.getsignal(signal.SIGINT) is before
 
     def test_warnings_are_a_line_each_and_once(self, capsys):
         def action():

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import mocap_fit
-from corpus_tools import cli, console, spread
+from corpus_tools import cli, console, frames_meter, spread
 from corpus_tools.speaker import Options, Speaker
 from mocap_fit.errors import ConfigurationError, MissingExtraError
 from mocap_fit.tracks import read_parquet
@@ -509,9 +509,9 @@ class TestCluster:
 class TestMeter:
     def test_time_left_is_judged_by_the_sizes(self, monkeypatch):
         now = [100.0]
-        monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
+        monkeypatch.setattr(frames_meter.time, "monotonic", lambda: now[0])
         shown = []
-        meter = console.Meter([1000, 3000, 4000], lambda *state: shown.append(state))
+        meter = frames_meter.Meter([1000, 3000, 4000], lambda *state: shown.append(state))
         now[0] = 110.0
         meter.done(0, 500)
         assert shown[-1] == (0.125, 1, "1 of 3, 500 frames, 50 frames/s, 1:10 left")
@@ -525,7 +525,7 @@ class TestMeter:
         assert shown[-1] == (1.0, 3, "3 of 3, 2000 frames, 100 frames/s")
 
     def test_lines_where_there_is_no_terminal(self, capsys):
-        with console.frames_progress("fitting", [1] * 40) as meter:
+        with frames_meter.frames_progress("fitting", [1] * 40) as meter:
             for index in range(40):
                 meter.told(index, 1, 3)
                 meter.done(index, 3)
