@@ -136,20 +136,16 @@ def _in_a_pool(
     work: Work, shared: Any, waiting: deque[tuple[int, Any]], jobs: int, told: Told
 ) -> Generator[tuple[int, Any], None, list[tuple[int, Any]]]:
     """Work on what is waiting until all is done or a process dies; returns what it left."""
-    context = multiprocessing.get_context(start_method())
-    # No more are started than there are items: each takes what it works with.
+    method = start_method()
+    context = multiprocessing.get_context(method)
     jobs = min(jobs, len(waiting))
     # More items than processes, so that none waits for us.
     places = list(range(2 * jobs))
     how_far = context.RawArray("q", 2 * len(places))
     others = set(multiprocessing.active_children())
-    # Who starts a process waits until it has read what it begins with, so that this is little;
-    # and until 3.12 Python hangs where one dies while another is being started, so that none
-    # works before all are there.
-    later = context.Queue()
-    to_give = jobs
+    given, outbox = (shared, None) if method == "fork" else _by_post(context)
     pool = ProcessPoolExecutor(
-        jobs, mp_context=context, initializer=_begin, initargs=(work, later, how_far)
+        jobs, mp_context=context, initializer=_begin, initargs=(work, given, how_far)
     )
     under_way: dict[Future[Any], tuple[int, int, Any]] = {}
     lost: list[tuple[int, Any]] = []
@@ -166,9 +162,9 @@ def _in_a_pool(
                     lost.append(waiting.popleft())
                 else:
                     under_way[future] = (place, *waiting.popleft())
-            for _ in range(to_give):
-                later.put(shared)
-            to_give = 0
+            if outbox is not None:
+                _send(shared, jobs, given, outbox)
+                outbox = None
             done, _ = wait(under_way, timeout=_POLL, return_when=FIRST_COMPLETED)
             for future in sorted(done, key=lambda future: under_way[future][1]):
                 place, index, item = under_way.pop(future)
@@ -187,9 +183,45 @@ def _in_a_pool(
             for process in set(multiprocessing.active_children()) - others:
                 process.terminate()
         pool.shutdown(wait=True, cancel_futures=True)
-        later.cancel_join_thread()
-        later.close()
+        if outbox is not None:
+            outbox.close()
     return sorted(lost, key=lambda pair: pair[0])
+
+
+@dataclass(frozen=True)
+class _Inbox:
+    """Where processes that are not copies of this one get what they work with.
+
+    Who starts a process waits until it has read what it begins with, so that this is little; and
+    until 3.12 Python hangs where one dies while another is being started, so that none works
+    before all are there.
+    """
+
+    pipe: Any
+    one_at_a_time: Any
+
+    def take(self) -> Any:
+        with self.one_at_a_time:
+            return self.pipe.recv()
+
+
+def _by_post(context: Any) -> tuple[_Inbox, Any]:
+    """Return where processes take, and where we put."""
+    pipe, outbox = context.Pipe(duplex=False)
+    return _Inbox(pipe, context.Lock()), outbox
+
+
+def _send(shared: Any, processes: int, inbox: _Inbox, outbox: Any) -> None:
+    """Give each process what it works with, and wait until all have it.
+
+    Not by a queue of multiprocessing: its thread may still be tidying up when the program ends,
+    and Python then says that something was left behind.
+    """
+    # Now they alone hold the end that reads: when they are gone, we are told and do not wait.
+    inbox.pipe.close()
+    with outbox, contextlib.suppress(BrokenPipeError):
+        for _ in range(processes):
+            outbox.send(shared)
 
 
 @contextlib.contextmanager
@@ -209,12 +241,13 @@ def _without_interrupt() -> Iterator[None]:
 _own: dict[str, Any] = {}
 
 
-def _begin(work: Work, later: Any, how_far: Any) -> None:
+def _begin(work: Work, given: Any, how_far: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # What there is already is there to stay: nothing is looked for in it, and copies share it.
     gc.freeze()
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _own.update(work=work, shared=later.get(), how_far=how_far)
+    shared = given.take() if isinstance(given, _Inbox) else given
+    _own.update(work=work, shared=shared, how_far=how_far)
 
 
 def _end_with_parent() -> None:

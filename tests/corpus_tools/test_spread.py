@@ -95,16 +95,23 @@ class TestProcesses:
         assert os.getpid() not in workers
         assert 1 <= len(workers) <= 2
 
-    def test_fewer_items_than_processes_leave_nothing_behind(self):
-        """Not even what was meant for a process that is not needed, and fills a pipe."""
+    @pytest.fixture
+    def nothing_left_behind(self):
+        """No thread either: of one that tidies up when the program ends Python complains."""
         before = set(threading.enumerate())
+        yield
+        assert set(threading.enumerate()) <= before
+        assert not multiprocessing.active_children()
+
+    def test_fewer_items_than_processes(self, nothing_left_behind):
+        """What was meant for a process that is not needed would fill a pipe."""
         large = np.zeros(400_000)
         results = dict(spread.over_processes(square, large, range(2), 4, ignore))
         assert [results[i][0][-1] for i in range(2)] == [0, 1]
-        wait_until(lambda: set(threading.enumerate()) <= before, seconds=10)
-        assert not multiprocessing.active_children()
 
-    def test_an_item_that_kills_its_process_is_named_and_the_others_are_done(self):
+    def test_an_item_that_kills_its_process_is_named_and_the_others_are_done(
+        self, nothing_left_behind
+    ):
         results = dict(spread.over_processes(die_at_three, None, range(6), 2, ignore))
         assert sorted(results) == list(range(6))
         dead = {i for i, result in results.items() if isinstance(result, spread.Died)}
@@ -112,7 +119,7 @@ class TestProcesses:
         assert "killed" in results[3].reason
         assert [results[i] for i in (0, 1, 2, 4, 5)] == [0, 1, 2, 4, 5]
 
-    def test_a_mistake_of_ours_ends_the_work_at_once(self):
+    def test_a_mistake_of_ours_ends_the_work_at_once(self, nothing_left_behind):
         began = time.monotonic()
         with pytest.raises(ZeroDivisionError, match="three"):
             list(spread.over_processes(fail_at_three, None, range(20), 2, ignore))
