@@ -195,13 +195,13 @@ def fit(
     Recordings that a former run fitted in the same way are kept, so that a run that was stopped
     goes on where it was.
     """
-    from corpus_tools import spread
+    from mocap_fit.processes import limit_threads
 
     if dask is not None and jobs != 1:
         raise typer.BadParameter(
             "goes without --jobs: the cluster has its own", param_hint="--dask"
         )
-    spread.limit_threads()
+    limit_threads()
     from corpus_tools import fit as command
     from mocap_fit.fitting.objective import OBJECTIVES
     from mocap_fit.fitting.solving import SOLVERS

@@ -49,13 +49,13 @@ def convert(
     Bad utterances are named and left out. What a former run converted from the same files in the
     same way is kept, so that a run that was stopped goes on where it was.
     """
-    from corpus_tools import spread
+    from mocap_fit.processes import limit_threads
 
     if dask is not None and jobs != 1:
         raise typer.BadParameter(
             "goes without --jobs: the cluster has its own", param_hint="--dask"
         )
-    spread.limit_threads()
+    limit_threads()
     from corpus_tools import convert as command
 
     raise typer.Exit(

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 import mocap_fit
-from corpus_tools import console, spread
+from corpus_tools import console
+from corpus_tools.cluster import over_cluster
 from corpus_tools.console import Status
 from corpus_tools.frames_meter import frames_progress
 from corpus_tools.one_recording import (
@@ -30,6 +31,7 @@ from corpus_tools.speaker import Options as Options
 from corpus_tools.speaker import Speaker as Speaker
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.io import READERS
+from mocap_fit.processes import Died, on_this_machine
 
 
 def expand(paths: Sequence[Path]) -> list[Path]:
@@ -174,10 +176,10 @@ def _fit_all(
         if cluster is not None:
             results = _on_cluster(task, pairs, cluster)
         else:
-            results = spread.on_this_machine(fit_here, task, pairs, jobs, meter.told)
+            results = on_this_machine(fit_here, task, pairs, jobs, meter.told)
         with contextlib.closing(results):
             for index, result in results:
-                if isinstance(result, spread.Died):
+                if isinstance(result, Died):
                     result = Outcome(
                         {"error": f"{files[index]}: it was not fitted: {result.reason}"}
                     )
@@ -209,7 +211,7 @@ def _tell(outcome: Outcome, file: Path) -> None:
 
 def _on_cluster(
     task: Task, pairs: Sequence[tuple[Path, Path]], address: str
-) -> Generator[tuple[int, Outcome | spread.Died], None, None]:
+) -> Generator[tuple[int, Outcome | Died], None, None]:
     """Send the recordings' content to a cluster, and write what comes back."""
     here: dict[int, Outcome] = {}
     places: list[int] = []
@@ -238,7 +240,7 @@ def _on_cluster(
             places.append(index)
             yield sent[0]
 
-    results = spread.over_cluster(fit_sent, task, to_send(), address, mocap_fit.__version__)
+    results = over_cluster(fit_sent, task, to_send(), address, mocap_fit.__version__)
     with contextlib.closing(results):
         for place, result in results:
             index = places[place]

@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from corpus_tools import console, speak_models, spread
+from corpus_tools import console, speak_models
 from corpus_tools.console import Status
 from mocap_fit.control import ControlModel
 from mocap_fit.errors import ConfigurationError, FileFormatError
 from mocap_fit.face import load_face
 from mocap_fit.face.rig import Rig
 from mocap_fit.phones import PhoneSequence, PhoneSet, load_phone_set, phone_set_names
+from mocap_fit.processes import available_processes
 from mocap_fit.sound import Sound, read_sound
 from mocap_fit.tracks import MarkerTracks, ParameterTracks
 
@@ -165,7 +166,7 @@ def run(
             blinks=look.blinks,
             head_motion=look.head_motion,
             seed=look.seed,
-            jobs=jobs or min(spread.available_processes(), 1 + pictures // _FRAMES_A_PROCESS),
+            jobs=jobs or min(available_processes(), 1 + pictures // _FRAMES_A_PROCESS),
             progress=lambda done, of: advance(),
         )
     report = {

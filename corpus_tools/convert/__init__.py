@@ -8,7 +8,8 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import mocap_fit
-from corpus_tools import console, spread
+from corpus_tools import console
+from corpus_tools.cluster import over_cluster
 from corpus_tools.console import Status
 from corpus_tools.convert.gather import finish, former_splits, open_folder
 from corpus_tools.convert.plan import Job, Plan, make_plan
@@ -27,6 +28,7 @@ from corpus_tools.frames_meter import frames_progress
 from corpus_tools.manifest import Manifest, entries, load_manifest, recorded
 from mocap_fit.errors import ConfigurationError, MocapFitError
 from mocap_fit.phones import phone_set_names
+from mocap_fit.processes import Died, on_this_machine
 
 MANIFEST = "manifest.toml"
 
@@ -133,10 +135,10 @@ def _convert_all(
         if cluster is not None:
             results = _on_cluster(task, items, cluster)
         else:
-            results = spread.on_this_machine(convert_here, task, items, jobs, meter.told)
+            results = on_this_machine(convert_here, task, items, jobs, meter.told)
         with contextlib.closing(results):
             for index, result in results:
-                if isinstance(result, spread.Died):
+                if isinstance(result, Died):
                     result = Outcome({}, f"it was not converted: {result.reason}")
                 if result.traceback is not None:
                     console.show_traceback(result.traceback)
@@ -155,7 +157,7 @@ def _size(root: Path, job: Job) -> int:
 
 def _on_cluster(
     task: Task, jobs: Sequence[Job], address: str
-) -> Generator[tuple[int, Outcome | spread.Died], None, None]:
+) -> Generator[tuple[int, Outcome | Died], None, None]:
     """Send the files' content to a cluster, and write what comes back."""
     here: dict[int, Outcome] = {}
     places: list[int] = []
@@ -175,7 +177,7 @@ def _on_cluster(
             places.append(index)
             yield job, inputs, contents
 
-    results = spread.over_cluster(convert_sent, task, to_send(), address, mocap_fit.__version__)
+    results = over_cluster(convert_sent, task, to_send(), address, mocap_fit.__version__)
     with contextlib.closing(results):
         for place, result in results:
             index = places[place]

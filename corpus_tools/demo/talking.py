@@ -9,13 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from corpus_tools import console, convert, simulate, spread
+from corpus_tools import console, convert, simulate
 from corpus_tools import evaluate as scoring
 from corpus_tools.train import parts
 from mocap_fit import control
 from mocap_fit.control import ControlModel
 from mocap_fit.corpus import Corpus, open_corpus
 from mocap_fit.evaluation import Evaluation, evaluate
+from mocap_fit.processes import available_processes
 from mocap_fit.tracks import ParameterTracks
 
 SENTENCES = 40
@@ -172,6 +173,6 @@ def _film(path: Path, heads: dict[str, ParameterTracks], shown: Any) -> None:
             subtitles=True,
             curves=("jaw_rotation", "lip_rounding"),
             blinks=True,
-            jobs=min(2, spread.available_processes()),
+            jobs=min(2, available_processes()),
             progress=lambda *_: advance(),
         )

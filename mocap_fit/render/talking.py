@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import signal
-from collections import deque
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
-from typing import Any
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.errors import DataError
 from mocap_fit.face.rig import Rig
+from mocap_fit.processes import Died, over_processes
 from mocap_fit.render.liveliness import Liveliness, LivelyFace
 from mocap_fit.render.scene import FaceScene, View
 from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks
@@ -114,50 +110,34 @@ def drawn(talk: Talk, jobs: int = 1) -> Iterator[list[list[Image]]]:
         If a process that draws ends early.
     """
     if jobs <= 1 or talk.frames <= _BATCH:
-        heads = _Heads(talk)
-        try:
+        with closing(_Heads(talk)) as heads:
             for number in range(talk.frames):
                 yield heads.frame(number)
-        finally:
-            heads.close()
         return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(
-        jobs, mp_context=context, initializer=_begin, initargs=(talk,)
-    ) as pool:
-        waiting: deque[Future[Any]] = deque()
-        batches = iter(range(0, talk.frames, _BATCH))
-        try:
-            for first in batches:
-                waiting.append(pool.submit(_draw, first, min(first + _BATCH, talk.frames)))
-                # Two batches a process keep all busy, and memory small.
-                if len(waiting) >= 2 * jobs:
-                    yield from waiting.popleft().result()
-            while waiting:
-                yield from waiting.popleft().result()
-        except BrokenProcessPool:
-            raise DataError(
-                "a process that draws was killed, or ran out of memory",
-                advice="Draw in fewer processes, or smaller pictures.",
-            ) from None
-        finally:
-            for future in waiting:
-                future.cancel()
+    batches = [range(talk.frames)[first:][:_BATCH] for first in range(0, talk.frames, _BATCH)]
+    results = over_processes(_draw, talk, batches, jobs, lambda *how_far: None, copies=False)
+    early: dict[int, list[list[list[Image]]]] = {}
+    following = 0
+    with closing(results):
+        for index, pictures in results:
+            if isinstance(pictures, Died):
+                raise DataError(
+                    "a process that draws was killed, or ran out of memory",
+                    advice="Draw in fewer processes, or smaller pictures.",
+                )
+            early[index] = pictures
+            while following in early:
+                yield from early.pop(following)
+                following += 1
 
 
-_heads: _Heads | None = None
+# A process draws one talk, batch after batch, and its scenes end with it.
+_heads_of = cache(_Heads)
 
 
-def _begin(talk: Talk) -> None:
-    global _heads
-    # Ctrl-C is for the process that waits; it ends this one.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _heads = _Heads(talk)
-
-
-def _draw(first: int, last: int) -> list[list[list[Image]]]:
-    assert _heads is not None
-    return [_heads.frame(number) for number in range(first, last)]
+def _draw(talk: Talk, batch: range, told: Callable[[int, int], object]) -> list[list[list[Image]]]:
+    heads = _heads_of(talk)
+    return [heads.frame(number) for number in batch]
 
 
 def parameters_at(tracks: ParameterTracks, times: FloatArray, rig: Rig) -> FloatArray:

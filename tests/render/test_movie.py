@@ -1,5 +1,8 @@
 """Talking heads: what moves is seen moving, at its time, side by side, with all that goes along."""
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -51,6 +54,44 @@ def test_pictures_do_not_depend_on_how_many_processes_draw(rig, tmp_path):
         render_movie(tracks, tmp_path / name, face=rig, size=(64, 64), jobs=jobs, blinks=True)
     for one, two in zip(pictures(tmp_path / "one"), pictures(tmp_path / "two"), strict=True):
         np.testing.assert_array_equal(one, two)
+
+
+class DeadlyRig:
+    """Deforming it with the jaw wide open kills the process, as often as there are lives left."""
+
+    def __init__(self, rig, lives: Path):
+        self.rig, self.lives = rig, lives
+        self.mesh, self.bounds, self.parameter_names = rig.mesh, rig.bounds, rig.parameter_names
+
+    def deform(self, parameters):
+        if parameters[0] > 0.9:
+            for life in self.lives.iterdir():
+                life.unlink()
+                os._exit(9)
+        return self.rig.deform(parameters)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_process_that_dies_is_replaced_once(rig, tmp_path, times):
+    values = np.linspace(0.0, 0.5, 20)
+    values[12:14] = 1.0
+    lives, out = tmp_path / "lives", tmp_path / "movie"
+    lives.mkdir()
+    for life in range(times):
+        (lives / str(life)).touch()
+
+    def make():
+        render_movie(jaw(values), out, face=DeadlyRig(rig, lives), size=(64, 64), jobs=2)
+
+    if times == 1:
+        make()
+        assert len(pictures(out)) == 20
+    else:
+        with pytest.raises(DataError, match="a process that draws was killed"):
+            make()
+        assert not out.exists()
+    assert not list(lives.iterdir())
 
 
 def test_a_picture_shows_the_middle_of_its_time(rig, tmp_path):

@@ -1,4 +1,4 @@
-"""Work over processes and over a dask cluster: who does it does not show."""
+"""The fit over processes and over a dask cluster: who does it does not show."""
 
 import hashlib
 import json
@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 
 import mocap_fit
-from corpus_tools import cli, console, frames_meter, spread
+from corpus_tools import cli, console, frames_meter
+from corpus_tools.cluster import over_cluster
 from corpus_tools.speaker import Options, Speaker
 from mocap_fit.errors import ConfigurationError, MissingExtraError
 from mocap_fit.tracks import read_parquet
@@ -49,7 +50,7 @@ def report(capsys):
 
 @pytest.fixture(scope="module")
 def folder(simulate, tmp_path_factory):
-    return simulate(tmp_path_factory.mktemp("spread") / "session", "--utterances", 5)
+    return simulate(tmp_path_factory.mktemp("jobs") / "session", "--utterances", 5)
 
 
 @pytest.fixture(scope="module")
@@ -60,131 +61,9 @@ def undisturbed(folder, tmp_path_factory):
     return sums(out)
 
 
-# Work for processes: it must be found by name, and so stands at the top of the module.
-
-
+# At the top of the module, where workers find it.
 def square(shared, item, told):
-    told(1, 2)
     return shared + item * item, os.getpid()
-
-
-def die_at_three(shared, item, told):
-    if item == 3:
-        os._exit(9)
-    return item
-
-
-def fail_at_three(shared, item, told):
-    if item == 3:
-        raise ZeroDivisionError("three")
-    time.sleep(60 if item > 3 else 0)
-    return item
-
-
-def ignore(index, done, of):
-    pass
-
-
-class TestProcesses:
-    def test_each_item_is_done_once_by_other_processes(self):
-        results = dict(spread.over_processes(square, 100, range(9), 2, ignore))
-        assert {i: result for i, (result, _) in results.items()} == {
-            i: 100 + i * i for i in range(9)
-        }
-        workers = {process for _, process in results.values()}
-        assert os.getpid() not in workers
-        assert 1 <= len(workers) <= 2
-
-    @pytest.fixture
-    def nothing_left_behind(self):
-        """No thread either: of one that tidies up when the program ends Python complains."""
-        before = set(threading.enumerate())
-        yield
-        assert set(threading.enumerate()) <= before
-        assert not multiprocessing.active_children()
-
-    def test_fewer_items_than_processes(self, nothing_left_behind):
-        """What was meant for a process that is not needed would fill a pipe."""
-        large = np.zeros(400_000)
-        results = dict(spread.over_processes(square, large, range(2), 4, ignore))
-        assert [results[i][0][-1] for i in range(2)] == [0, 1]
-
-    def test_an_item_that_kills_its_process_is_named_and_the_others_are_done(
-        self, nothing_left_behind
-    ):
-        results = dict(spread.over_processes(die_at_three, None, range(6), 2, ignore))
-        assert sorted(results) == list(range(6))
-        dead = {i for i, result in results.items() if isinstance(result, spread.Died)}
-        assert dead == {3}
-        assert "killed" in results[3].reason
-        assert [results[i] for i in (0, 1, 2, 4, 5)] == [0, 1, 2, 4, 5]
-
-    def test_a_mistake_of_ours_ends_the_work_at_once(self, nothing_left_behind):
-        began = time.monotonic()
-        with pytest.raises(ZeroDivisionError, match="three"):
-            list(spread.over_processes(fail_at_three, None, range(20), 2, ignore))
-        assert time.monotonic() - began < 30
-
-
-# What a program of its own does: this one has threads of the libraries that other tests use.
-BY_COPIES = """
-import json, os
-from corpus_tools import spread
-
-loaded_here = []
-
-def work(shared, item, told):
-    if item == 3:
-        os._exit(9)
-    return shared + item, len(loaded_here)
-
-if __name__ == "__main__":
-    loaded_here.append("before the processes began")
-    for count in (3, 6):
-        results = dict(spread.over_processes(work, 100, range(count), 2, lambda *how_far: None))
-        died = [i for i, result in results.items() if isinstance(result, spread.Died)]
-        print(json.dumps([died, [results[i] for i in range(count) if i not in died]]))
-"""
-
-LOADED = """
-from corpus_tools import spread
-spread.limit_threads()
-from corpus_tools import convert, fit
-import mocap_fit.fitting.compiled_solver, pandas, pyarrow.parquet, threading
-found = [spread.start_method()]
-over = threading.Event()
-thread = threading.Thread(target=over.wait)
-thread.start()
-found.append(spread.start_method())
-over.set()
-print(*found)
-"""
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere processes are not copied")
-class TestCopies:
-    def run(self, code, tmp_path):
-        (tmp_path / "program.py").write_text(code, encoding="utf-8")
-        done = subprocess.run(
-            [sys.executable, "-W", "error", tmp_path / "program.py"],
-            capture_output=True,
-            check=True,
-            encoding="utf-8",
-        )
-        assert done.stderr == ""
-        return done.stdout
-
-    def test_a_process_without_threads_is_copied_and_one_with_threads_is_not(self, tmp_path):
-        """The first also tells of a library that begins a thread when it is imported."""
-        assert self.run(LOADED, tmp_path).split() == ["fork", "spawn"]
-
-    def test_copies_have_what_is_loaded_and_one_that_dies_is_named(self, tmp_path):
-        whole, with_a_death = map(json.loads, self.run(BY_COPIES, tmp_path).splitlines())
-        assert whole == [[], [[100 + i, 1] for i in range(3)]]
-        # What was under way with the dead one may be done by processes that are not copies.
-        died, results = with_a_death
-        assert died == [3]
-        assert [result for result, _ in results] == [100 + i for i in (0, 1, 2, 4, 5)]
 
 
 class TestTheSameWhoeverDoesIt:
@@ -446,7 +325,7 @@ class TestCluster:
     def test_without_dask_the_extra_is_named(self, folder, tmp_path, capsys, monkeypatch):
         monkeypatch.setitem(sys.modules, "distributed", None)
         with pytest.raises(MissingExtraError, match=r"mocap-fit\[dask\]"):
-            next(spread.over_cluster(square, 0, [1], "tcp://127.0.0.1:1", "1"))
+            next(over_cluster(square, 0, [1], "tcp://127.0.0.1:1", "1"))
         assert fit(folder, tmp_path / "out", "--dask", "tcp://127.0.0.1:1") == 1
         assert "pip install 'mocap-fit[dask]'" in capsys.readouterr().err
         assert sums(tmp_path / "out") == {}
@@ -502,9 +381,9 @@ class TestCluster:
             assert sums(there) == undisturbed
             version = "99.0"
             with pytest.raises(ConfigurationError, match="do not have this version"):
-                next(spread.over_cluster(square, 0, [1], cluster.scheduler_address, version))
+                next(over_cluster(square, 0, [1], cluster.scheduler_address, version))
             results = dict(
-                spread.over_cluster(
+                over_cluster(
                     square, 10, range(20), cluster.scheduler_address, mocap_fit.__version__
                 )
             )

@@ -1,21 +1,19 @@
-"""Work on many items: here, over processes of this machine, or over a dask cluster.
+"""Work on many items over processes of this machine.
 
-Each way gives `(index, result)` as items are done, in any order, with a bounded number of items
-under way, so that memory does not grow with how many there are. The work is a function at the
-top of a module, ``work(shared, item, told)``; ``told(done, of)`` takes how far the item is.
+The work is a function at the top of a module, ``work(shared, item, told)``; ``told(done, of)``
+takes how far the item is. Results come as ``(index, result)`` when items are done, in any order,
+with a bounded number of items under way, so that memory does not grow with how many there are.
 """
 
 from __future__ import annotations
 
 import contextlib
 import gc
-import logging
 import multiprocessing
 import os
 import signal
 import sys
 import threading
-import warnings
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -23,16 +21,12 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import Any
 
-from mocap_fit.errors import ConfigurationError, MissingExtraError
-
 Work = Callable[[Any, Any, Callable[[int, int], object]], Any]
 Told = Callable[[int, int, int], object]
 Results = Generator[tuple[int, Any], None, None]
 
-# How often those who wait look how far the processes are, in seconds.
+# How often who waits looks how far the processes are, in seconds.
 _POLL = 0.2
-# Seconds within which a scheduler and its workers must answer.
-_PATIENCE = 8
 # Windows waits for no more than this many processes.
 _MOST_PROCESSES = 60
 
@@ -85,7 +79,15 @@ def _told_of(told: Told, index: int) -> Callable[[int, int], object]:
     return lambda done, of: told(index, done, of)
 
 
-def over_processes(work: Work, shared: Any, items: Iterable[Any], jobs: int, told: Told) -> Results:
+def over_processes(
+    work: Work,
+    shared: Any,
+    items: Iterable[Any],
+    jobs: int,
+    told: Told,
+    *,
+    copies: bool = True,
+) -> Results:
     """Work over processes of this machine.
 
     Parameters
@@ -96,6 +98,8 @@ def over_processes(work: Work, shared: Any, items: Iterable[Any], jobs: int, tol
         How many processes.
     told
         Called now and then with an item's index, how much of it is done, and of how much.
+    copies
+        Whether processes may begin as copies of this one; OpenGL does not bear that.
 
     Yields
     ------
@@ -108,15 +112,14 @@ def over_processes(work: Work, shared: Any, items: Iterable[Any], jobs: int, tol
     each by itself, and the one that kills its process again is the one.
     """
     waiting = deque(enumerate(items))
+    jobs = min(jobs, _MOST_PROCESSES)
     suspects: deque[tuple[int, Any]] = deque()
     while waiting or suspects:
         if not suspects:
-            suspects += yield from _in_a_pool(
-                work, shared, waiting, min(jobs, _MOST_PROCESSES), told
-            )
+            suspects += yield from _in_a_pool(work, shared, waiting, jobs, told, copies)
             continue
         alone = deque([suspects.popleft()])
-        for index, _ in (yield from _in_a_pool(work, shared, alone, 1, told)):
+        for index, _ in (yield from _in_a_pool(work, shared, alone, 1, told, copies)):
             yield index, Died("the process that worked on it was killed, or ran out of memory")
 
 
@@ -133,10 +136,15 @@ def start_method() -> str:
 
 
 def _in_a_pool(
-    work: Work, shared: Any, waiting: deque[tuple[int, Any]], jobs: int, told: Told
+    work: Work,
+    shared: Any,
+    waiting: deque[tuple[int, Any]],
+    jobs: int,
+    told: Told,
+    copies: bool,
 ) -> Generator[tuple[int, Any], None, list[tuple[int, Any]]]:
     """Work on what is waiting until all is done or a process dies; returns what it left."""
-    method = start_method()
+    method = start_method() if copies else "spawn"
     context = multiprocessing.get_context(method)
     jobs = min(jobs, len(waiting))
     # More items than processes, so that none waits for us.
@@ -265,134 +273,3 @@ def _work_at(place: int, item: Any) -> Any:
         how_far[2 * place], how_far[2 * place + 1] = done, of
 
     return _own["work"](_own["shared"], item, told)
-
-
-def over_cluster(
-    work: Work, shared: Any, items: Iterable[Any], address: str, version: str
-) -> Results:
-    """Work over the workers of a dask cluster, which share neither memory nor disk with us.
-
-    Parameters
-    ----------
-    work, shared
-        As for `over_processes`; ``shared`` is sent to each worker once.
-    items
-        Taken one by one as there is room, so they may be made when they are asked for.
-    address
-        Where the scheduler listens, such as ``tcp://192.168.0.7:8786``.
-    version
-        The version of mocap-fit that the workers must have.
-
-    Yields
-    ------
-    tuple
-        Index and result; `Died` where the cluster lost it.
-
-    Raises
-    ------
-    MissingExtraError
-        If dask.distributed is not installed.
-    ConfigurationError
-        If the scheduler does not answer, or has no workers that can do the work.
-    """
-    try:
-        import distributed
-    except ImportError:
-        raise MissingExtraError(
-            "working on a dask cluster needs dask.distributed",
-            advice="Install it with pip install 'mocap-fit[dask]'.",
-        ) from None
-    # Its log tells in many lines what we tell in one.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    client = _connected(distributed, address)
-    under_way: dict[Any, int] = {}
-    news = threading.Event()
-    try:
-        _check_workers(client, address, version)
-        there = client.scatter(shared, broadcast=True, hash=False)
-        waiting = enumerate(items)
-        left = True
-        while left or under_way:
-            room = 2 * max(1, len(client.nthreads())) if left else 0
-            while left and len(under_way) < room:
-                pair = next(waiting, None)
-                if pair is None:
-                    left = False
-                    break
-                with warnings.catch_warnings():
-                    # A long recording is large, and dask would rather have it on a disk.
-                    warnings.simplefilter("ignore", UserWarning)
-                    future = client.submit(_on_cluster, work, there, pair[1], pure=False)
-                under_way[future] = pair[0]
-                future.add_done_callback(lambda _: news.set())
-            # Looked at now and then also unasked, should the connection be lost.
-            news.wait(_PATIENCE)
-            news.clear()
-            ended = [future for future in under_way if future.status != "pending"]
-            for future in sorted(ended, key=under_way.__getitem__):
-                index = under_way.pop(future)
-                yield index, _result(distributed, future)
-                del future
-    finally:
-        with contextlib.suppress(Exception):
-            client.cancel(list(under_way))
-        client.close(timeout=2)
-
-
-def _connected(distributed: Any, address: str) -> Any:
-    try:
-        return distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
-    except (OSError, TimeoutError, ValueError, ImportError) as error:
-        raise ConfigurationError(
-            f"the dask scheduler at {address} does not answer",
-            found=next(iter(str(error).splitlines()), type(error).__name__),
-            expected="an address such as tcp://192.168.0.7:8786",
-            advice="Start one with `dask scheduler`, and workers with `dask worker ADDRESS`.",
-        ) from None
-
-
-def _check_workers(client: Any, address: str, version: str) -> None:
-    """Refuse a cluster whose workers cannot do what we would do here."""
-    try:
-        client.wait_for_workers(1, timeout=_PATIENCE)
-    except TimeoutError:
-        raise ConfigurationError(
-            f"the dask scheduler at {address} has no workers",
-            advice=f"Start some with `dask worker {address}`.",
-        ) from None
-    try:
-        found = set(client.run(_version).values())
-    except Exception as error:
-        found = {f"{type(error).__name__}: {error}"}
-    if found != {version}:
-        raise ConfigurationError(
-            "the workers of the cluster do not have this version of mocap-fit",
-            found=", ".join(sorted(found)),
-            expected=version,
-            advice="Install the same version on every machine.",
-        )
-
-
-def _version() -> str:
-    import mocap_fit
-
-    return mocap_fit.__version__
-
-
-# A worker may have several threads, but what is warned about is kept for the whole process.
-_one_at_a_time = threading.Lock()
-
-
-def _on_cluster(work: Work, shared: Any, item: Any) -> Any:
-    with _one_at_a_time:
-        return work(shared, item, lambda done, of: None)
-
-
-def _result(distributed: Any, future: Any) -> Any:
-    if future.status == "finished":
-        return future.result()
-    if future.status == "error":
-        error = future.exception()
-        if not isinstance(error, distributed.scheduler.KilledWorker):
-            raise error
-    return Died("the cluster lost the worker that worked on it")
