@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import sys
+from contextlib import nullcontext
+from pathlib import Path
+
 import nlopt
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +25,7 @@ from mocap_fit.fitting.solving import (
     Solved,
     variable_scale,
 )
+from mocap_fit.processes import beside
 from mocap_fit.tracks import FloatArray
 
 # Newton's method ends a frame when what is left to gain is less than this part of its cost.
@@ -29,6 +34,13 @@ _NEWTON_TOLERANCE = 1e-9
 _CERTIFYING_SCALE = 0.5
 # What nlopt must still gain on Newton's answer to go on.
 _CERTIFIED = 1e-8
+
+
+def _compiled() -> bool:
+    """Whether Newton's method is in the cache: a guess, by which nothing but time is lost."""
+    line, python = solve_frames.py_func.__code__.co_firstlineno, sys.version_info
+    name = f"*.{solve_frames.__name__}-{line}.py{python.major}{python.minor}*.nbi"
+    return any(Path(solve_frames.stats.cache_path).glob(name))
 
 
 class CompiledSolver:
@@ -66,9 +78,13 @@ class CompiledSolver:
         self._tolerance = _NEWTON_TOLERANCE
         self._jacobian = reference_jacobian(binding)
         self._nlopt: native.NativeSolver | None = None
-        if solver != NEWTON:
-            certify = solver == NEWTON_NLOPT
-            scale = variable_scale(self._jacobian, binding.weights)
+        self._last = np.clip(binding.reference_parameters, self._bounds[:, 0], self._bounds[:, 1])
+        if solver == NEWTON:
+            return
+        certify = solver == NEWTON_NLOPT
+        scale = variable_scale(self._jacobian, binding.weights)
+        # What is compiled in the other process is found in the cache: a first run waits less.
+        with beside(self._compile) if certify and not _compiled() else nullcontext():
             self._nlopt = native.NativeSolver(
                 self._slots,
                 objective=self._code,
@@ -79,7 +95,11 @@ class CompiledSolver:
                 tolerances=(VALUE_TOLERANCE, _CERTIFIED if certify else COST_TOLERANCE),
                 maximum_evaluations=maximum_evaluations,
             )
-        self._last = np.clip(binding.reference_parameters, self._bounds[:, 0], self._bounds[:, 1])
+
+    def _compile(self) -> None:
+        """Compile Newton's method into the cache, by solving nothing."""
+        markers = len(self._binding.weights)
+        self.solve(np.zeros((0, markers, 3)), np.zeros((0, 0, 3)), np.zeros(0, dtype=np.bool_))
 
     def solve(self, targets: FloatArray, head: FloatArray, usable: NDArray[np.bool_]) -> Solved:
         """Minimise the cost of the usable frames, each from the answer before; see `Solver`."""

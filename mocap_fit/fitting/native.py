@@ -91,8 +91,7 @@ _CALLBACK = _types.float64(
 )
 
 
-@_numba.cfunc(_CALLBACK, cache=True, error_model="numpy")
-def _objective(count, point, slope, data):  # type: ignore[no-untyped-def]
+def _cost(count, point, slope, data):  # type: ignore[no-untyped-def]
     """The cost of the frame that the table points to, for nlopt."""
     table = _numba.carray(data, (_COUNT, 2), np.int64)
     plan = _numba.carray(_pointer(table[_PLAN, 0]), table[_PLAN, 1], np.uint32)
@@ -133,6 +132,12 @@ def _objective(count, point, slope, data):  # type: ignore[no-untyped-def]
         for i in range(count):
             best[i] = values[i]
     return value
+
+
+@cache
+def callback() -> Any:
+    """The cost as nlopt calls it; compiled when it is first asked for."""
+    return _numba.cfunc(_CALLBACK, cache=True, error_model="numpy")(_cost)
 
 
 class NativeSolver:
@@ -199,7 +204,7 @@ class NativeSolver:
         self._optimiser = c.nlopt_create(algorithm, count)
         if not self._optimiser:
             raise MemoryError("nlopt has no room for another solver")
-        c.nlopt_set_min_objective(self._optimiser, _objective.address, self._table.ctypes.data)
+        c.nlopt_set_min_objective(self._optimiser, callback().address, self._table.ctypes.data)
         self._absolute = np.full(count, tolerances[0]) / scale
         c.nlopt_set_xtol_abs(self._optimiser, self._absolute.ctypes.data)
         c.nlopt_set_ftol_rel(self._optimiser, tolerances[1])

@@ -54,6 +54,25 @@ def fitted(session, tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
+def test_the_first_run_on_a_machine_compiles_each_kernel_once(session, fitted, tmp_path):
+    """On Linux partly in another process, with the bytes of a run that finds them in the cache."""
+    cache, out = tmp_path / "cache", tmp_path / "out"
+    recording = session.recordings[0]
+    subprocess.run(
+        [
+            *(sys.executable, "-c", "from corpus_tools import cli; cli.main()", "fit", recording),
+            *("--reference", session.reference, "--layout", session.layout, "--out", out),
+        ],
+        check=True,
+        env={**os.environ, "NUMBA_CACHE_DIR": str(cache)},
+    )
+    kernels = sorted(path.name.partition("-")[0] for path in cache.rglob("*.nbc"))
+    assert kernels == ["kernel.evaluate", "native._cost", "newton.solve_frames"]
+    name = f"{recording.stem}.parquet"
+    assert (out / name).read_bytes() == (fitted / name).read_bytes()
+
+
 def files(folder):
     return sorted(path.name for path in folder.iterdir())
 
