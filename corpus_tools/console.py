@@ -72,9 +72,8 @@ def guarded(action: Callable[[], object]) -> int:
     Bad data and a failing disk are one line on stderr. Anything unexpected is one line too, which
     says that the fault is ours and how to see the traceback.
     """
-    interrupts: list[int] = []
     try:
-        with _noted(interrupts), warnings_in_one_line():
+        with _noted(), warnings_in_one_line():
             try:
                 action()
             except SystemExit as stop:
@@ -82,43 +81,48 @@ def guarded(action: Callable[[], object]) -> int:
             else:
                 status = Status.DONE
             sys.stdout.flush()
-    except StoppedError:
-        say("stopped")
-        status = Status.STOPPED
-    except KeyboardInterrupt:
-        say("stopped")
-        status = Status.STOPPED
     except (ReaderGoneError, BrokenPipeError):
         _close_stdout_quietly()
         status = Status.READER_GONE
-    except (MocapFitError, OSError, MemoryError) as error:
-        report(error)
-        status = Status.BAD_DATA
-    except Exception as error:
-        if debugging():
-            traceback.print_exc()
-        if interrupts:
-            say("stopped")
-            status = Status.STOPPED
-        else:
-            say(
-                f"error: this is a bug in mocap-fit ({type(error).__name__}: {error}). "
-                f"Set {DEBUG_VARIABLE}=1, run it again, and report the traceback that it shows."
-            )
-            status = Status.BUG
+    except (Exception, KeyboardInterrupt) as error:
+        status = _told(error)
+    finally:
+        _interrupts.clear()
     return int(status)
 
 
+def _told(error: BaseException) -> Status:
+    """Tell the user why a command ended; returns what it ends with."""
+    if _interrupts or isinstance(error, (StoppedError, KeyboardInterrupt)):
+        say("stopped")
+        return Status.STOPPED
+    if isinstance(error, (MocapFitError, OSError, MemoryError)):
+        report(error)
+        return Status.BAD_DATA
+    if debugging():
+        traceback.print_exc()
+    say(
+        f"error: this is a bug in mocap-fit ({type(error).__name__}: {error}). "
+        f"Set {DEBUG_VARIABLE}=1, run it again, and report the traceback that it shows."
+    )
+    return Status.BUG
+
+
+# How often Ctrl-C came since the command began.
+_interrupts: list[int] = []
+
+
 @contextlib.contextmanager
-def _noted(interrupts: list[int]) -> Iterator[None]:
+def _noted() -> Iterator[None]:
     """Let Ctrl-C do what it does, and note that it came.
 
-    Libraries make errors of their own of it: numpy's ``unique`` over rows a TypeError, when it
-    comes while two of them are compared.
+    Python and libraries make errors of their own of it: numpy's ``unique`` over rows a TypeError,
+    when it comes while two of them are compared, and ``int`` of a text a ValueError, by which
+    pandas tells numbers from words.
     """
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        interrupts.append(number)
+        _interrupts.append(number)
         signal.default_int_handler(number, frame)
 
     ours = (
@@ -132,6 +136,12 @@ def _noted(interrupts: list[int]) -> Iterator[None]:
     finally:
         if ours:
             signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def stop_if_asked() -> None:
+    """Stop where Ctrl-C came and did not get through; long work asks this now and then."""
+    if _interrupts:
+        raise KeyboardInterrupt
 
 
 def debugging() -> bool:
@@ -325,6 +335,7 @@ def progress(task: str, total: int) -> Iterator[Callable[[], None]]:
 
     def advance_line() -> None:
         nonlocal done, tenths
+        stop_if_asked()
         done += 1
         if done * 10 // total > tenths:
             tenths = done * 10 // total
@@ -352,7 +363,12 @@ def _bar(task: str, total: int) -> Iterator[Callable[[], None]]:
     )
     with Progress(*columns, console=Console(stderr=True)) as shown:
         row = shown.add_task(task, total=total)
-        yield lambda: shown.advance(row)
+
+        def advance() -> None:
+            stop_if_asked()
+            shown.advance(row)
+
+        yield advance
 
 
 def on_terminal() -> bool:

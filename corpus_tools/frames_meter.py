@@ -51,6 +51,7 @@ class Meter:
         self._update()
 
     def _update(self) -> None:
+        console.stop_if_asked()
         frames, fitted = self._frames, self._fitted
         for index, (some, of) in self._under_way.items():
             frames += some

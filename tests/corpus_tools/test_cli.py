@@ -1,5 +1,6 @@
 """The command line: exit statuses, what goes to which stream, what people and programs read."""
 
+import contextlib
 import io
 import json
 import os
@@ -14,6 +15,7 @@ import typer
 
 import mocap_fit
 from corpus_tools import cli, console
+from corpus_tools.frames_meter import frames_progress
 from mocap_fit.errors import DataError, FileFormatError, MocapFitWarning
 
 RECORDING = (
@@ -178,19 +180,47 @@ class TestBoundary:
         assert console.guarded(action) == 130
         assert error_lines(capsys) == ["mocap-fit: stopped"]
 
-    def test_ctrl_c_that_a_library_makes_another_error_of(self, capsys):
-        """As numpy does where it compares rows."""
+    @pytest.mark.parametrize("made", [TypeError("cannot compare"), DataError("no number")])
+    def test_ctrl_c_that_a_library_makes_another_error_of(self, made, capsys):
+        """As numpy does where it compares rows, and Python where a text becomes a number."""
         before = signal.getsignal(signal.SIGINT)
 
         def action():
             try:
                 signal.raise_signal(signal.SIGINT)
             except KeyboardInterrupt:
-                raise TypeError("cannot compare") from None
+                raise made from None
 
         assert console.guarded(action) == 130
         assert error_lines(capsys) == ["mocap-fit: stopped"]
         assert signal.getsignal(signal.SIGINT) is before
+
+    def test_long_work_stops_where_a_library_swallows_ctrl_c(self, capsys):
+        """As `int` of a text does, and pandas with it."""
+        done = []
+
+        def swallow(told):
+            for number in range(3):
+                with contextlib.suppress(KeyboardInterrupt):
+                    signal.raise_signal(signal.SIGINT)
+                told(number)
+                done.append(number)
+
+        def items():
+            with console.progress("counting", 3) as advance:
+                swallow(lambda number: advance())
+
+        def frames():
+            with frames_progress("counting", [1.0]) as meter:
+                swallow(lambda number: meter.told(0, number, 3))
+
+        for action in (items, frames):
+            assert console.guarded(action) == 130
+            assert error_lines(capsys) == ["mocap-fit: stopped"]
+        assert done == []
+        # The next command knows nothing of it.
+        with console.progress("counting", 1) as advance:
+            advance()
 
     def test_warnings_are_a_line_each_and_once(self, capsys):
         def action():
