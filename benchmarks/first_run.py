@@ -9,23 +9,13 @@ first has an empty cache, and compiles; the second finds what the first left the
 import argparse
 import os
 import statistics
-import subprocess
 import sys
-import sysconfig
 import tempfile
-import time
 from pathlib import Path
 
-PROGRAM = Path(sysconfig.get_path("scripts")) / "mocap-fit"
+from startup import PROGRAM, seconds
+
 LIBRARIES = "import numpy, scipy.optimize, pandas, pyarrow.parquet, numba, nlopt"
-
-
-def seconds(command: list[str], cache: Path) -> float:
-    """Wall-clock time of one process."""
-    start = time.perf_counter()
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
-    subprocess.run(command, check=True, env=environment, stdout=subprocess.DEVNULL)
-    return time.perf_counter() - start
 
 
 def main() -> None:
@@ -36,17 +26,15 @@ def main() -> None:
     times: dict[str, list[float]] = {"libraries alone": [], "first run": [], "later run": []}
     with tempfile.TemporaryDirectory() as folder:
         session = Path(folder) / "session"
-        made = [str(PROGRAM), "simulate", str(session), "--utterances", "1"]
-        subprocess.run(made, check=True, stdout=subprocess.DEVNULL)
+        seconds([str(PROGRAM), "simulate", str(session), "--utterances", "1"])
         fit = [str(PROGRAM), "fit", str(session / "recordings")]
         fit += ["--reference", str(session / "reference.tsv"), "--layout", "face30-head5"]
         for number in range(rounds):
-            cache = Path(folder) / str(number)
-            libraries = [sys.executable, "-c", LIBRARIES]
-            times["libraries alone"].append(seconds(libraries, cache))
+            os.environ["NUMBA_CACHE_DIR"] = str(Path(folder) / str(number))
+            times["libraries alone"].append(seconds([sys.executable, "-c", LIBRARIES]))
             for name in ("first run", "later run"):
                 out = Path(folder) / f"{name} {number}"
-                times[name].append(seconds([*fit, "--out", str(out)], cache))
+                times[name].append(seconds([*fit, "--out", str(out)]))
     for name, values in times.items():
         print(
             f"{name:18s}{statistics.median(values):6.1f} s   ({min(values):.1f}-{max(values):.1f})"

@@ -13,6 +13,8 @@ import sysconfig
 import time
 from pathlib import Path
 
+PROGRAM = Path(sysconfig.get_path("scripts")) / "mocap-fit"
+
 
 def seconds(command: list[str]) -> float:
     """Wall-clock time of one process."""
@@ -26,10 +28,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=15)
     rounds = parser.parse_args().rounds
-    program = Path(sysconfig.get_path("scripts")) / "mocap-fit"
     commands = {
         "python -c 'import numpy'": [sys.executable, "-c", "import numpy"],
-        "mocap-fit --help": [str(program), "--help"],
+        "mocap-fit --help": [str(PROGRAM), "--help"],
     }
     for command in commands.values():
         seconds(command)  # once for the disk and the compiled bytecode

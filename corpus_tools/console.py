@@ -327,21 +327,27 @@ def progress(task: str, total: int) -> Iterator[Callable[[], None]]:
     Callable
         To be called after each one.
     """
-    if on_terminal():
-        with _bar(task, total) as advance:
-            yield advance
-        return
+    with (_bar if on_terminal() else _lines)(task, total) as show:
+
+        def advance() -> None:
+            stop_if_asked()
+            show()
+
+        yield advance
+
+
+@contextlib.contextmanager
+def _lines(task: str, total: int) -> Iterator[Callable[[], None]]:
     done = tenths = 0
 
-    def advance_line() -> None:
+    def show() -> None:
         nonlocal done, tenths
-        stop_if_asked()
         done += 1
         if done * 10 // total > tenths:
             tenths = done * 10 // total
             say(f"{task}: {done} of {total}")
 
-    yield advance_line
+    yield show
 
 
 @contextlib.contextmanager
@@ -363,12 +369,7 @@ def _bar(task: str, total: int) -> Iterator[Callable[[], None]]:
     )
     with Progress(*columns, console=Console(stderr=True)) as shown:
         row = shown.add_task(task, total=total)
-
-        def advance() -> None:
-            stop_if_asked()
-            shown.advance(row)
-
-        yield advance
+        yield lambda: shown.advance(row)
 
 
 def on_terminal() -> bool:

@@ -19,6 +19,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 Work = Callable[[Any, Any, Callable[[int, int], object]], Any]
@@ -66,17 +67,8 @@ def on_this_machine(
     processes = min(jobs or available_processes(), len(items))
     if processes > 1:
         return over_processes(work, shared, items, processes, told)
-    return in_turn(work, shared, items, told)
-
-
-def in_turn(work: Work, shared: Any, items: Iterable[Any], told: Told) -> Results:
-    """Work on one item after the other, in this process."""
-    for index, item in enumerate(items):
-        yield index, work(shared, item, _told_of(told, index))
-
-
-def _told_of(told: Told, index: int) -> Callable[[int, int], object]:
-    return lambda done, of: told(index, done, of)
+    # One is of no use beside this one, which then works itself.
+    return ((index, work(shared, item, partial(told, index))) for index, item in enumerate(items))
 
 
 def over_processes(
@@ -87,6 +79,7 @@ def over_processes(
     told: Told,
     *,
     copies: bool = True,
+    in_order: bool = False,
 ) -> Results:
     """Work over processes of this machine.
 
@@ -100,6 +93,10 @@ def over_processes(
         Called now and then with an item's index, how much of it is done, and of how much.
     copies
         Whether processes may begin as copies of this one; OpenGL does not bear that.
+    in_order
+        Whether results come in the order of the items, for who would have to hold large ones
+        that come early. A slow item then keeps the others waiting; and where a process died,
+        what it was at comes late.
 
     Yields
     ------
@@ -116,10 +113,10 @@ def over_processes(
     suspects: deque[tuple[int, Any]] = deque()
     while waiting or suspects:
         if not suspects:
-            suspects += yield from _in_a_pool(work, shared, waiting, jobs, told, copies)
+            suspects += yield from _in_a_pool(work, shared, waiting, jobs, told, copies, in_order)
             continue
         alone = deque([suspects.popleft()])
-        for index, _ in (yield from _in_a_pool(work, shared, alone, 1, told, copies)):
+        for index, _ in (yield from _in_a_pool(work, shared, alone, 1, told, copies, in_order)):
             yield index, Died("the process that worked on it was killed, or ran out of memory")
 
 
@@ -142,6 +139,7 @@ def _in_a_pool(
     jobs: int,
     told: Told,
     copies: bool,
+    in_order: bool,
 ) -> Generator[tuple[int, Any], None, list[tuple[int, Any]]]:
     """Work on what is waiting until all is done or a process dies; returns what it left."""
     method = start_method() if copies else "spawn"
@@ -173,7 +171,9 @@ def _in_a_pool(
             if outbox is not None:
                 _send(shared, jobs, given, outbox)
                 outbox = None
-            done, _ = wait(under_way, timeout=_POLL, return_when=FIRST_COMPLETED)
+            # What is done and not yet asked for has its place still: no more are begun.
+            wanted = list(under_way)[:1] if in_order else list(under_way)
+            done, _ = wait(wanted, timeout=_POLL, return_when=FIRST_COMPLETED)
             for future in sorted(done, key=lambda future: under_way[future][1]):
                 place, index, item = under_way.pop(future)
                 places.append(place)

@@ -34,6 +34,12 @@ def fail_at_three(shared, item, told):
     return item
 
 
+def first_is_slow(begun, item, told):
+    (begun / str(item)).touch()
+    time.sleep(1.0 if item == 0 else 0.0)
+    return item
+
+
 def ignore(index, done, of):
     pass
 
@@ -61,6 +67,15 @@ class TestProcesses:
         large = np.zeros(400_000)
         results = dict(processes.over_processes(square, large, range(2), 4, ignore))
         assert [results[i][0][-1] for i in range(2)] == [0, 1]
+
+    def test_in_order_no_more_are_begun_than_are_under_way(self, tmp_path):
+        """Who asks for results in order then holds few."""
+        results = processes.over_processes(
+            first_is_slow, tmp_path, range(12), 2, ignore, in_order=True
+        )
+        assert next(results) == (0, 0)
+        assert len(list(tmp_path.iterdir())) <= 4
+        assert list(results) == [(i, i) for i in range(1, 12)]
 
     def test_an_item_that_kills_its_process_is_named_and_the_others_are_done(
         self, nothing_left_behind

@@ -37,7 +37,10 @@ _CERTIFIED = 1e-8
 
 
 def _compiled() -> bool:
-    """Whether Newton's method is in the cache: a guess, by which nothing but time is lost."""
+    """Whether Newton's method is compiled: of the cache a guess, by which only time is lost."""
+    # Where nothing can be kept, it is still compiled once and not for every recording.
+    if solve_frames.signatures:
+        return True
     line, python = solve_frames.py_func.__code__.co_firstlineno, sys.version_info
     name = f"*.{solve_frames.__name__}-{line}.py{python.major}{python.minor}*.nbi"
     return any(Path(solve_frames.stats.cache_path).glob(name))

@@ -114,8 +114,13 @@ def drawn(talk: Talk, jobs: int = 1) -> Iterator[list[list[Image]]]:
             for number in range(talk.frames):
                 yield heads.frame(number)
         return
-    batches = [range(talk.frames)[first:][:_BATCH] for first in range(0, talk.frames, _BATCH)]
-    results = over_processes(_draw, talk, batches, jobs, lambda *how_far: None, copies=False)
+    batches = [
+        range(talk.frames)[first : first + _BATCH] for first in range(0, talk.frames, _BATCH)
+    ]
+    results = over_processes(
+        _draw, talk, batches, jobs, lambda *how_far: None, copies=False, in_order=True
+    )
+    # Those that come before one whose process died.
     early: dict[int, list[list[list[Image]]]] = {}
     following = 0
     with closing(results):
