@@ -130,9 +130,9 @@ def made_corpus(utterances: int) -> Corpus:
 
 def simulated_corpus(utterances: int) -> Corpus:
     """What `mocap-fit simulate` says and moves, without the recording of it."""
-    from corpus_tools.simulate.articulation import Articulator
-    from corpus_tools.simulate.durations import spoken
-    from corpus_tools.simulate.sentences import load_language
+    from corpus_tools.simulation.articulation import Articulator
+    from corpus_tools.simulation.durations import spoken
+    from corpus_tools.simulation.sentences import load_language
     from mocap_fit.face import load_face
 
     language, face = load_language("sv"), load_face()
@@ -157,7 +157,7 @@ def real_corpus(data: Path, converted: Path | None) -> Corpus | None:
         return in_memory(open_corpus(converted))
     if not (data / "grid_s1").is_dir():
         return None
-    from corpus_tools.convert import run as convert
+    from corpus_tools.conversion.convert import run as convert
 
     manifest = Path(__file__).parents[1] / "fixtures" / "manifests" / "grid_s1.toml"
     out = Path(tempfile.mkdtemp()) / "corpus"

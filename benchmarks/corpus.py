@@ -31,8 +31,8 @@ from pathlib import Path
 
 import numpy as np
 
-from corpus_tools import cli
-from corpus_tools.speaker import Speaker
+from corpus_tools.cli import app as cli
+from corpus_tools.conversion.speaker import Speaker
 from mocap_fit import read_tracks
 from mocap_fit.fitting.compiled_solver import CompiledSolver
 from mocap_fit.tracks import MarkerTracks, read_parquet, write_parquet

@@ -38,7 +38,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares, minimize
 
-from corpus_tools.simulate import Conditions, Session, gesture
+from corpus_tools.simulation import Conditions, Session, gesture
 from mocap_fit.face import Mesh, Part, load_face
 from mocap_fit.face.builtin import built_in_head
 from mocap_fit.face.rig import CompiledRig, Kind

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from corpus_tools.simulate import Conditions, Session
+from corpus_tools.simulation import Conditions, Session
 from mocap_fit.face import load_face
 from mocap_fit.fitting import load_layout
 from mocap_fit.io import write_qualisys_tsv

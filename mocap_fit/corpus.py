@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
+from mocap_fit.atomic_file import whole_file
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
 from mocap_fit.phones import (
     PhoneSequence,
@@ -36,7 +37,6 @@ from mocap_fit.tracks import (
     write_parquet,
 )
 from mocap_fit.tracks.parquet_file import damaged, read_table, write_table
-from mocap_fit.whole_file import whole_file
 
 FORMAT_VERSION = 1
 DESCRIPTION_FILE, UTTERANCES_FILE = "corpus.toml", "utterances.parquet"

@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mocap_fit.atomic_file import whole_file
 from mocap_fit.errors import FileFormatError
-from mocap_fit.whole_file import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,11 +1,15 @@
 """Fixtures that several test modules share."""
 
+import importlib.util
 import os
 from pathlib import Path
+from types import ModuleType
 
 import hypothesis
 import numpy as np
 import pytest
+
+FIXTURES = Path(__file__).parents[1] / "fixtures"
 
 # What passed once passes again: a change is judged by what it does, not by a new draw of examples.
 # To look for new ones: pytest --hypothesis-profile draw
@@ -39,3 +43,28 @@ def drawing() -> None:
         require_off_screen()
     except MissingExtraError as error:
         pytest.skip(str(error))
+
+
+@pytest.fixture(scope="session")
+def made() -> ModuleType:
+    """The script, whose functions know the truth of what it writes."""
+    specification = importlib.util.spec_from_file_location(
+        "make_fixtures", FIXTURES / "make_fixtures.py"
+    )
+    assert specification is not None
+    assert specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="session")
+def recordings() -> Path:
+    """Files that a reader takes."""
+    return FIXTURES / "recordings"
+
+
+@pytest.fixture(scope="session")
+def defects() -> Path:
+    """Files that a reader must refuse."""
+    return FIXTURES / "defects"

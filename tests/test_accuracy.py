@@ -6,9 +6,9 @@ Thirty-five markers, head motion of ±30 mm and ±20°, 5 % drop-outs.
 import numpy as np
 import pytest
 
-from corpus_tools.comparison import Accuracy, FittedRecording, accuracy
-from corpus_tools.fit import Options, Speaker
-from corpus_tools.simulate import OTHER_SPEAKER, Conditions, Session
+from corpus_tools.conversion.fit import Options, Speaker
+from corpus_tools.demo.comparison import Accuracy, FittedRecording, accuracy
+from corpus_tools.simulation import OTHER_SPEAKER, Conditions, Session
 from mocap_fit.face import Rig, load_face
 from mocap_fit.face.builtin import built_in_head, reshape_head
 from mocap_fit.fitting import bind_markers, fit_orientation, fit_shape, load_layout

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from corpus_tools import cli
+from corpus_tools.cli import app as cli
 from mocap_fit import load_face, read_tracks
 from mocap_fit.tracks import read_parquet
 

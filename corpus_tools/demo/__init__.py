@@ -7,9 +7,9 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from corpus_tools import console, page, simulate
-from corpus_tools import evaluate as scoring
-from corpus_tools.console import Status
+from corpus_tools import simulation as simulate
+from corpus_tools.cli import console
+from corpus_tools.cli.console import Status
 from corpus_tools.demo.fitting import (
     CONDITIONS,
     EXPLAINED,
@@ -21,6 +21,8 @@ from corpus_tools.demo.fitting import (
     show,
 )
 from corpus_tools.demo.talking import EPOCHS, MOVIE, SENTENCES, TalkPart, talk_part
+from corpus_tools.training import evaluate as scoring
+from corpus_tools.training import page
 from mocap_fit.errors import ConfigurationError, MissingExtraError, MocapFitWarning
 
 __all__ = ["CONDITIONS", "MOVIE", "run"]

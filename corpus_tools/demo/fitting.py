@@ -7,9 +7,11 @@ from math import degrees
 from pathlib import Path
 from typing import Any
 
-from corpus_tools import console, figures, simulate
-from corpus_tools.comparison import Accuracy, FittedRecording, accuracy
-from corpus_tools.fit import Options, Speaker
+from corpus_tools import simulation as simulate
+from corpus_tools.cli import console
+from corpus_tools.conversion.fit import Options, Speaker
+from corpus_tools.demo import figures
+from corpus_tools.demo.comparison import Accuracy, FittedRecording, accuracy
 from mocap_fit.drawing import save_figure
 from mocap_fit.fitting.objective import Objective
 from mocap_fit.io import read_tracks

@@ -9,9 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from corpus_tools import console, convert, simulate
-from corpus_tools import evaluate as scoring
-from corpus_tools.train import parts
+from corpus_tools import simulation as simulate
+from corpus_tools.cli import console
+from corpus_tools.conversion import convert
+from corpus_tools.training import evaluate as scoring
+from corpus_tools.training.train import parts
 from mocap_fit import control
 from mocap_fit.control import ControlModel
 from mocap_fit.corpus import Corpus, open_corpus

@@ -10,7 +10,7 @@ import numpy as np
 
 from corpus_tools.validation.findings import Evidence, Finding, Place
 from corpus_tools.validation.thresholds import Thresholds
-from mocap_fit.io import Label, Labels, Tier, label_faults
+from mocap_fit.labels import Label, Labels, Tier, label_faults
 from mocap_fit.phones import PhoneSet
 from mocap_fit.tracks import FloatArray
 

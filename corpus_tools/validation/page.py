@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from corpus_tools import page as pages
+from corpus_tools.training import page as pages
 from corpus_tools.validation.findings import Finding, Severity
 from corpus_tools.validation.pictures import evidence_picture, overview
 from corpus_tools.validation.report import Report, by_code

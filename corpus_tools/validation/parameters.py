@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from corpus_tools.validation.findings import Evidence, Finding, Place
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.face import Rig
-from mocap_fit.io import Label
+from mocap_fit.labels import Label
 from mocap_fit.phones import PhoneSet
 from mocap_fit.tracks import FloatArray, ParameterTracks
 from mocap_fit.tracks.gaps import runs

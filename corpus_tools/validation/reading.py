@@ -19,16 +19,8 @@ from corpus_tools.validation.tables import check_own_name, check_table, check_ti
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.corpus import Utterance
 from mocap_fit.errors import DataError, MocapFitError, MocapFitWarning, RegistryError
-from mocap_fit.io import (
-    LABEL_READERS,
-    READERS,
-    Label,
-    Labels,
-    Tier,
-    find_phone_tier,
-    read,
-    read_all_labels,
-)
+from mocap_fit.io import READERS, read
+from mocap_fit.labels import LABEL_READERS, Label, Labels, Tier, find_phone_tier, read_all_labels
 from mocap_fit.phones import PhoneSet
 from mocap_fit.sound import read_sound
 from mocap_fit.tracks import MarkerTracks, ParameterTracks, PoseTracks, read_parquet

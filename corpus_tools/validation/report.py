@@ -105,7 +105,7 @@ def show(report: Report) -> None:
     """Print a report for people on stdout."""
     from rich.text import Text
 
-    from corpus_tools import console
+    from corpus_tools.cli import console
 
     screen = console.screen()
     for line in report.checked:
@@ -134,7 +134,7 @@ def show_codes() -> None:
     from rich import box
     from rich.table import Table
 
-    from corpus_tools import console
+    from corpus_tools.cli import console
 
     shown = Table(box=box.SIMPLE_HEAD)
     for title in ("code", "about", "severity", "what is wrong", "what to do"):

@@ -26,7 +26,7 @@ from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.face import Rig
 from mocap_fit.face.lips import lip_gap
 from mocap_fit.fitting import Layout
-from mocap_fit.io import Tier
+from mocap_fit.labels import Tier
 from mocap_fit.phones import PhoneSet
 from mocap_fit.sound import Sound, estimate_offset
 from mocap_fit.tracks import MarkerTracks, ParameterTracks, Provenance

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from mocap_fit.atomic_file import whole_file
 from mocap_fit.errors import FileFormatError
-from mocap_fit.whole_file import whole_file
 
 FORMAT_VERSION = 1
 _HEADER = "header"

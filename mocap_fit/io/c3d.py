@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.errors import FileFormatError, MocapFitWarning
-from mocap_fit.io import recording
+from mocap_fit.io import finalise
 from mocap_fit.io.c3d_structure import LONG, Extent, check_structure, looks_like_c3d
 from mocap_fit.io.text import checked_file, decoded, read_head, unreadable
 from mocap_fit.io.timing import checked_rate
@@ -81,7 +81,7 @@ def read(
     about = _about(content, file, names, rate)
     points = _floats(file, extent, 0, extent.frames) if extent.plain_floats else _points(content)
     points = points[:, about.kept]
-    return recording.markers(
+    return finalise.markers(
         file,
         NAME,
         about.names,
@@ -123,7 +123,7 @@ def stretches(
 
     # Whether residuals of 0 mean anything shows in the whole file; mostly its first frames do.
     telling = any(part.any_residual for part in parts())
-    made = recording.Stretches(
+    made = finalise.Stretches(
         file,
         NAME,
         about.names,
@@ -203,7 +203,7 @@ def _about(
     labels = _labels(parameters, points.shape[1])
     kept = _kept(parameters, labels, file)
     file_names, subject = _without_subject([labels[index] for index in kept])
-    marker_names = recording.chosen_names(file_names, names, path=file) or ()
+    marker_names = finalise.chosen_names(file_names, names, path=file) or ()
     first = float(content["header"]["points"]["first_frame"])
     file_rate = float(_values(parameters, "POINT", "RATE", [np.nan])[0])
     used_rate = checked_rate(file_rate if rate is None else rate, path=file)
@@ -220,7 +220,7 @@ def _about(
         marker_names,
         used_rate,
         first / used_rate,
-        recording.millimetres(unit, path=file),
+        finalise.millimetres(unit, path=file),
         _events(content, file),
         arguments,
     )

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.errors import FileFormatError, MocapFitWarning
-from mocap_fit.io import recording
+from mocap_fit.io import finalise
 from mocap_fit.io.number_table import (
     NumberTable,
     is_missing,
@@ -134,7 +134,7 @@ def read(
             times, decimals=_decimals(table, plan), path=text.path, lines=table.lines
         )
     positions = table.values[:, plan.lead :].reshape(len(table.values), -1, 3) * plan.scale
-    return recording.markers(
+    return finalise.markers(
         text.path,
         NAME,
         plan.names,
@@ -169,7 +169,7 @@ def stretches(
             said = _rate_of_all(path, names)
         tables = iter(InOrder(_blocks(text, plan), plan.frame, None, text.path))
         first = next(tables)
-        made = recording.Stretches(
+        made = finalise.Stretches(
             text.path,
             NAME,
             plan.names,
@@ -217,10 +217,10 @@ class _Plan:
 
 def _plan(text: TextFile, names: Sequence[str] | None) -> _Plan:
     titles, line = _read_titles(text)
-    chosen = recording.chosen_names(titles.names, names, path=text.path, line=line) or ()
+    chosen = finalise.chosen_names(titles.names, names, path=text.path, line=line) or ()
     scale = 1.0
     if titles.unit is not None:
-        scale = recording.millimetres(titles.unit, path=text.path, line=line)
+        scale = finalise.millimetres(titles.unit, path=text.path, line=line)
     return _Plan(titles, line, chosen, scale)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mocap_fit.errors import FileFormatError, MocapFitError
-from mocap_fit.io import recording
+from mocap_fit.io import finalise
 from mocap_fit.io.text import checked_file, read_head
 from mocap_fit.io.timing import checked_rate
 from mocap_fit.tracks import MarkerTracks, ParameterTracks, PoseTracks, storage
@@ -66,7 +66,7 @@ def read(
         if isinstance(error.found, Exception):
             # The words of the library underneath tell a user nothing.
             raise _damaged(path) from None
-        raise error if error.path is not None else recording.with_path(error, file) from None
+        raise error if error.path is not None else finalise.with_path(error, file) from None
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise _damaged(path) from None
     if tracks.frames == 0:
@@ -77,7 +77,7 @@ def read(
         raise FileFormatError("no body is seen in any frame", path=path)
     changes: dict[str, Any] = {}
     if names is not None:
-        changes["names"] = recording.chosen_names(tracks.names, names, path=file, noun="track")
+        changes["names"] = finalise.chosen_names(tracks.names, names, path=file, noun="track")
     if rate is not None:
         changes["rate"] = checked_rate(rate, path=file)
     if not changes:

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.errors import FileFormatError, MocapFitWarning
-from mocap_fit.io import qualisys_poses, recording
+from mocap_fit.io import finalise, qualisys_poses
 from mocap_fit.io.number_table import NumberTable, number, read_number_blocks, read_numbers
 from mocap_fit.io.qualisys_header import KNOWN_KEYWORDS, Header, read_events, read_header
 from mocap_fit.io.stretches import InOrder, rows_of
@@ -120,7 +120,7 @@ def read(
     arguments = _arguments(file_names, names, rate)
     if is_6dof:
         rotations, translations, residuals = qualisys_poses.poses_of(table, layout, text.path)
-        return recording.poses(
+        return finalise.poses(
             text.path,
             NAME,
             file_names,
@@ -134,7 +134,7 @@ def read(
         )
     positions = table.values[:, len(layout.lead) :].reshape(len(table.values), -1, 3)
     positions, origin = _with_gaps(positions, _origin_codes(header, len(file_names)))
-    return recording.markers(
+    return finalise.markers(
         text.path,
         NAME,
         file_names,
@@ -180,7 +180,7 @@ def stretches(
         first = next(tables)
         if said is None:
             said = _rate_of_all(path, names, layout)
-        made = recording.Stretches(
+        made = finalise.Stretches(
             text.path,
             NAME,
             file_names,
@@ -273,7 +273,7 @@ def _opened(
     _check_data_included(header)
     is_6dof = _is_6dof(header, names)
     noun = "body" if is_6dof else "marker"
-    file_names = recording.chosen_names(
+    file_names = finalise.chosen_names(
         _names_of(header, is_6dof),
         names,
         path=text.path,

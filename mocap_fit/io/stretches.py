@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mocap_fit.io.number_table import NumberTable
-from mocap_fit.io.reading import READERS, find_reader, read, wrong_kind
+from mocap_fit.io.readers import READERS, find_reader, read, wrong_kind
 from mocap_fit.io.text import checked_file
 from mocap_fit.io.timing import check_consecutive, check_growing
 from mocap_fit.tracks import FloatArray, MarkerTracks

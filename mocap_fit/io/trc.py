@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from mocap_fit.errors import FileFormatError
-from mocap_fit.io import recording
+from mocap_fit.io import finalise
 from mocap_fit.io.number_table import number, read_numbers
 from mocap_fit.io.qualisys_header import is_title_row
 from mocap_fit.io.text import TextFile, first_lines
@@ -77,7 +77,7 @@ def read(
                 found=f"{announced} and {len(found)} names",
                 advice=_AGAIN,
             )
-        marker_names = recording.chosen_names(found, names, path=text.path, line=4) or ()
+        marker_names = finalise.chosen_names(found, names, path=text.path, line=4) or ()
         columns = ["frame", "time", *(f"{name} {axis}" for name in marker_names for axis in "XYZ")]
         frames = _count(text, values, "NumFrames")
         table = read_numbers(
@@ -92,7 +92,7 @@ def read(
         raise FileFormatError(
             "the header has no Units", path=text.path, line=2, expected="mm or m", advice=_AGAIN
         )
-    scale = recording.millimetres(values["units"], path=text.path, line=3)
+    scale = finalise.millimetres(values["units"], path=text.path, line=3)
     times, decimals = table.values[:, 1], table.decimals(1)
     check_consecutive(table.values[:, 0], path=text.path, lines=table.lines)
     arguments: dict[str, Any] = {"unit": values["units"]}
@@ -118,7 +118,7 @@ def read(
         arguments["names"] = list(marker_names)
     positions = table.values[:, 2:].reshape(len(table.values), -1, 3)
     positions = np.where((positions == 0).all(axis=2, keepdims=True), np.nan, positions) * scale
-    return recording.markers(
+    return finalise.markers(
         text.path,
         NAME,
         marker_names,

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mocap_fit.atomic_file import whole_file
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.face.mesh import Mesh
 from mocap_fit.face.rig import Rig, evaluate
 from mocap_fit.render.talking import parameters_at
 from mocap_fit.tracks import FloatArray, ParameterTracks
-from mocap_fit.whole_file import whole_file
 
 COUNT = 68
 _UNIT = 1024.0

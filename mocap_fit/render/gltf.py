@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from mocap_fit.atomic_file import whole_file
 from mocap_fit.errors import FileFormatError, MissingExtraError
 from mocap_fit.face.mesh import Mesh, Part
 from mocap_fit.face.rig import Rig
 from mocap_fit.render.shapes import BlendedShapes, blended_shapes
 from mocap_fit.tracks import ParameterTracks
-from mocap_fit.whole_file import whole_file
 
 _METRES = 0.001
 _FLOAT, _UNSIGNED, _BYTE = 5126, 5125, 5121

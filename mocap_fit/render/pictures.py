@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mocap_fit.atomic_file import whole_file
 from mocap_fit.errors import DataError, FileFormatError
-from mocap_fit.whole_file import whole_file
 
 Image = NDArray[np.uint8]
 

@@ -12,9 +12,9 @@ from typing import Literal, Self, get_args
 
 import numpy as np
 
+from mocap_fit.atomic_file import whole_file
 from mocap_fit.errors import DataError, FileFormatError
 from mocap_fit.tracks import FloatArray
-from mocap_fit.whole_file import whole_file
 
 Encoding = Literal["PCM_16", "PCM_24", "PCM_32", "FLOAT", "DOUBLE"]
 _ENCODINGS: tuple[Encoding, ...] = get_args(Encoding)

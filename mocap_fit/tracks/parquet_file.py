@@ -14,8 +14,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
+from mocap_fit.atomic_file import whole_file
 from mocap_fit.errors import FileFormatError
-from mocap_fit.whole_file import whole_file
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -17,7 +17,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-import mocap_fit
+from mocap_fit._version import __version__
 from mocap_fit.errors import DataError
 
 FloatArray = NDArray[np.float64]
@@ -42,7 +42,7 @@ class Step:
 
     name: str
     arguments: Mapping[str, Any] = field(default_factory=dict)
-    version: str = field(default_factory=lambda: mocap_fit.__version__)
+    version: str = field(default_factory=lambda: __version__)
 
     def to_dict(self) -> dict[str, Any]:
         """The step as a dictionary that JSON can hold."""

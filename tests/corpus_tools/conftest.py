@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from corpus_tools import cli
+from corpus_tools.cli import app as cli
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from corpus_tools import simulate
+from corpus_tools import simulation as simulate
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.errors import DataError
 from mocap_fit.evaluation.landmarks import FITTED, landmark_scores

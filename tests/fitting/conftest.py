@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from corpus_tools.simulate import Conditions, Session
+from corpus_tools.simulation import Conditions, Session
 from mocap_fit.face import Rig, load_face
 from mocap_fit.fitting import Binding, Layout, load_layout
 from mocap_fit.tracks import MarkerTracks

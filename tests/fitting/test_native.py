@@ -188,7 +188,7 @@ _WITHOUT_NUMBA = """
 
     sys.meta_path.insert(0, Blocked())
     import numpy as np
-    from corpus_tools.simulate import Conditions, Session
+    from corpus_tools.simulation import Conditions, Session
     from mocap_fit.face import load_face
     from mocap_fit.fitting import fit_shape, load_layout
     from mocap_fit.tracks import MarkerTracks

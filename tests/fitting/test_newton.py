@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from corpus_tools.simulate import Conditions, Session, gesture
+from corpus_tools.simulation import Conditions, Session, gesture
 from mocap_fit.fitting import Binding, ShapeFit, bind_markers, fit_orientation, fit_shape
 from mocap_fit.fitting.objective import OBJECTIVES, Evaluator
 from mocap_fit.fitting.solving import NEWTON, NEWTON_NLOPT
@@ -320,7 +320,7 @@ def test_newton_and_nlopt_agree_on_many_simulated_frames(face, layout, monkeypat
 @pytest.mark.slow
 @pytest.mark.real_data
 def test_newton_and_nlopt_agree_on_real_recordings(data_folder, monkeypatch) -> None:
-    from corpus_tools.fit import Speaker
+    from corpus_tools.conversion.fit import Speaker
     from mocap_fit import read_tracks
     from mocap_fit.head import match_size
 

@@ -9,8 +9,8 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from corpus_tools.comparison import FittedRecording, accuracy
-from corpus_tools.simulate import Conditions, Session, gesture
+from corpus_tools.demo.comparison import FittedRecording, accuracy
+from corpus_tools.simulation import Conditions, Session, gesture
 from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.face import Rig
 from mocap_fit.fitting import Binding, Layout, bind_markers, fit_orientation, fit_shape

@@ -137,7 +137,7 @@ def test_a_moved_head_is_found_together_with_the_shape(
 
 def test_a_refined_pose_helps_when_the_pose_is_noisy(session, rng, face, layout) -> None:
     """The head's pose from five noisy markers is improved by thirty more."""
-    from corpus_tools.simulate import Conditions, Session
+    from corpus_tools.simulation import Conditions, Session
     from mocap_fit.head import remove_head_motion
 
     noisy = Session(layout, face, Conditions(noise=0.3, drop_outs=0.0, duration=1.5))

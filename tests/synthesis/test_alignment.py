@@ -5,7 +5,7 @@ import pytest
 from scipy.io import wavfile
 
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
-from mocap_fit.io import read_labels
+from mocap_fit.labels import read_labels
 
 pytest.importorskip("pocketsphinx")
 

@@ -9,11 +9,11 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
+from mocap_fit.atomic_file import whole_file
 from mocap_fit.control.cart.inspecting import branches, pooled_name, question_at
 from mocap_fit.control.cart.learning import TreeKey
 from mocap_fit.control.cart.model import Cart
 from mocap_fit.control.cart.tree import Tree
-from mocap_fit.whole_file import whole_file
 
 # Pixels, and letters of a line.
 _WIDTH, _LINE, _PAD, _GAP, _LEVEL = 176, 15, 6, 14, 34

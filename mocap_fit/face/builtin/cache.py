@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import mocap_fit
+from mocap_fit._version import __version__
 from mocap_fit.errors import MocapFitError
 from mocap_fit.face.mesh import Material, Mesh, Part
 
@@ -55,7 +55,7 @@ def cache_folder() -> Path:
 
 def source_key(*sources: Path) -> str:
     """A short name for the state of some modules and of the libraries they compute with."""
-    versions = (mocap_fit.__version__, np.__version__, metadata.version("scipy"))
+    versions = (__version__, np.__version__, metadata.version("scipy"))
     digest = hashlib.sha256("\n".join(versions).encode())
     for source in sorted(sources):
         digest.update(source.name.encode())

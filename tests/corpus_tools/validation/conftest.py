@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from corpus_tools import cli
+from corpus_tools.cli import app as cli
 from mocap_fit.corpus import read_utterances, write_utterances
 
 

@@ -6,7 +6,7 @@ import pytest
 from corpus_tools.validation import Context, Subject, check_subject, load_thresholds
 from mocap_fit.face import load_face
 from mocap_fit.fitting import load_layout
-from mocap_fit.io import Label, Tier
+from mocap_fit.labels import Label, Tier
 from mocap_fit.phones import load_phone_set
 from mocap_fit.sound import Sound
 from mocap_fit.tracks import MarkerTracks, ParameterTracks

@@ -11,8 +11,8 @@ import pytest
 from spoiling import DEFECTS, change_sound
 from test_planted_defects import matches
 
-from corpus_tools import cli
-from corpus_tools.validate import validate
+from corpus_tools.cli import app as cli
+from corpus_tools.validation.validate import validate
 from mocap_fit.corpus import open_corpus, read_utterances, write_utterances
 
 pytestmark = pytest.mark.slow

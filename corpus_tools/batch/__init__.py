@@ -1,0 +1,1 @@
+"""One resumable job over many files: processes of this machine, or a dask cluster."""

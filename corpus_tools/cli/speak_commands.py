@@ -1,0 +1,190 @@
+"""The commands of the talking head; `cli` puts them on the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from corpus_tools.cli.arguments import AsJson, one_of
+
+_VIEWS = ("front", "three-quarter", "side")
+_Model = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--model",
+        metavar="FILE|NAME",
+        help="A trained model, or a kind: rule-based, cohen-massaro, … Several: side by side.",
+    ),
+]
+_Language = Annotated[
+    str, typer.Option("--lang", help="sv, cs, en, or any voice of espeak-ng, such as de.")
+]
+
+
+def speak(
+    text: Annotated[str | None, typer.Argument(metavar="TEXT", help="What is said.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="FILE.mp4, FILE.gif, or a new folder for PNG pictures.", readable=False),
+    ] = None,
+    labels: Annotated[
+        Path | None, typer.Option(help="Labelled phones instead of a text.", readable=False)
+    ] = None,
+    tracks: Annotated[
+        Path | None,
+        typer.Option(help="Measured tracks; with --labels and --model beside.", readable=False),
+    ] = None,
+    audio: Annotated[
+        Path | None, typer.Option(help="The wav file of labels or tracks.", readable=False)
+    ] = None,
+    language: _Language = "",
+    model: _Model = None,
+    nearest: Annotated[
+        bool,
+        typer.Option("--nearest", help="Models of another phone set: take the nearest sounds."),
+    ] = False,
+    phone_set: Annotated[
+        str | None, typer.Option(help="What the labels are written in: a name or a file.")
+    ] = None,
+    tier: Annotated[str | None, typer.Option(help="The tier of the phones.")] = None,
+    speed: Annotated[float, typer.Option(help="Words a minute.")] = 160.0,
+    rate: Annotated[float, typer.Option(min=1, max=240, help="Frames a second.")] = 25.0,
+    view: Annotated[
+        list[str] | None,
+        typer.Option(metavar="VIEW", help="front, three-quarter or side; repeatable."),
+    ] = None,
+    size: Annotated[int, typer.Option(min=64, max=4096, help="Pixels each way of a head.")] = 640,
+    zoom: Annotated[float, typer.Option(min=0.2, max=20, help="Above 1.3 is closer.")] = 1.3,
+    subtitles: Annotated[
+        bool, typer.Option("--subtitles", help="Write the phones under the heads.")
+    ] = False,
+    curves: Annotated[
+        bool, typer.Option("--curves", help="Let the parameters' curves run along below.")
+    ] = False,
+    blinks: Annotated[bool, typer.Option("--blinks", help="Let the eyes blink.")] = False,
+    head_motion: Annotated[
+        bool, typer.Option("--head-motion", help="Let the head move a little.")
+    ] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Of blinks and head motion.")] = 0,
+    markers: Annotated[
+        Path | None,
+        typer.Option(
+            help="A recording, drawn over the head; with --reference and --layout.", readable=False
+        ),
+    ] = None,
+    reference: Annotated[
+        Path | None, typer.Option(help="The reference pose of --markers.", readable=False)
+    ] = None,
+    layout: Annotated[str | None, typer.Option(help="The marker layout of --markers.")] = None,
+    face: Annotated[str, typer.Option(help="built-in, or a rig file.")] = "built-in",
+    keep: Annotated[
+        Path | None, typer.Option(help="A folder for tracks, labels, sound.", readable=False)
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=0, help="Processes that draw; 0: as many as pay.")] = 0,
+    prepare: Annotated[
+        bool,
+        typer.Option("--prepare", help="Train and keep the models of --lang and --model (all)."),
+    ] = False,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="With --prepare: train what is kept already, too.")
+    ] = False,
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="With --prepare: score them on simulated test sentences."),
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Let a talking head say a text, labelled phones, or what was measured.
+
+    Models of a kind are trained on simulated sentences of the language when they are first asked
+    for, and kept; `mocap-fit speak --prepare` makes them all beforehand.
+    """
+    from corpus_tools.talking import speak as command
+
+    if prepare:
+        wanted = [language] if language else []
+        raise typer.Exit(
+            command.prepare(wanted, model or (), fresh=fresh, check=check, as_json=as_json)
+        )
+    if (text is None) + (labels is None) + (tracks is None) == 3:
+        raise typer.BadParameter("give a TEXT, --labels, or --tracks", param_hint="TEXT")
+    if text is not None and (labels is not None or tracks is not None):
+        raise typer.BadParameter(
+            "a text is spoken by itself: leave out --labels and --tracks", param_hint="TEXT"
+        )
+    if text is not None and audio is not None:
+        raise typer.BadParameter("a text has its own sound", param_hint="--audio")
+    if (reference is None) != (layout is None) or (reference is not None and markers is None):
+        raise typer.BadParameter(
+            "--markers, --reference and --layout go together", param_hint="--markers"
+        )
+    if out is None:
+        raise typer.BadParameter("say where to: --out FILE.mp4", param_hint="--out")
+    views = tuple(one_of(name, _VIEWS, "--view") for name in view or ["front"])
+    source = command.Source(text, labels, tracks, audio, language or "en", phone_set, tier, speed)
+    look = command.Look(
+        rate,
+        (size, size),
+        views,
+        zoom,
+        subtitles,
+        curves,
+        blinks,
+        head_motion,
+        seed,
+        face,
+        markers,
+        reference,
+        layout,
+    )
+    status = command.run(
+        source,
+        out,
+        models=model or (),
+        look=look,
+        nearest=nearest,
+        keep=keep,
+        jobs=jobs,
+        as_json=as_json,
+    )
+    raise typer.Exit(status)
+
+
+def stream(
+    model: Annotated[
+        str, typer.Option(metavar="FILE|NAME", help="A trained model, or a kind of model.")
+    ],
+    language: _Language = "en",
+    rate: Annotated[
+        float | None, typer.Option(min=1, max=1000, help="Frames a second; the model's own.")
+    ] = None,
+) -> None:
+    """Read phones from stdin, write frames to stdout as soon as they are sure.
+
+    A phone a line: START END PHONE [STRESS], or JSON with these keys. An empty line ends an
+    utterance. A frame a line, as JSON: time, and the parameters by name.
+    """
+    from corpus_tools.talking import stream as command
+
+    raise typer.Exit(command.run(model, language=language, rate=rate))
+
+
+def export(
+    tracks: Annotated[
+        Path, typer.Argument(metavar="TRACKS", help="Face parameters (Parquet).", readable=False)
+    ],
+    to: Annotated[str, typer.Option(help="gltf, fap or csv.")],
+    out: Annotated[Path, typer.Option(help="The file.", readable=False)],
+    face: Annotated[str, typer.Option(help="built-in, or a rig file.")] = "built-in",
+    rate: Annotated[
+        float | None, typer.Option(min=1, max=240, help="Frames a second; the tracks' own.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Write face parameters for other programs: glTF, MPEG-4 FAP, CSV."""
+    from corpus_tools.talking import export as command
+
+    kind: command.Kind = one_of(to, command.KINDS, "--to")  # type: ignore[assignment]
+    raise typer.Exit(command.run(tracks, kind, out, face=face, rate=rate, as_json=as_json))

@@ -1,0 +1,1 @@
+"""From recordings, labels and sound to a corpus."""

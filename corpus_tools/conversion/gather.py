@@ -1,0 +1,181 @@
+"""The corpus as a whole: its folder, its table, and what does not belong to it any more."""
+
+from __future__ import annotations
+
+import contextlib
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from corpus_tools.cli import console
+from corpus_tools.conversion.manifest import Manifest
+from corpus_tools.conversion.plan import Plan, described
+from corpus_tools.conversion.utterance import AUDIO, PARTS, Outcome
+from mocap_fit.atomic_file import whole_file
+from mocap_fit.corpus import (
+    DESCRIPTION_FILE,
+    UTTERANCES_FILE,
+    Corpus,
+    Utterance,
+    read_utterances,
+    write_corpus,
+)
+from mocap_fit.errors import ConfigurationError, MocapFitError
+from mocap_fit.tracks import Step
+
+# Says that the folder is one of ours, also while there is no corpus in it yet: what does not
+# belong to a corpus is removed from it, and nobody's recordings must be.
+_OURS = ".mocap-fit-corpus"
+_STEP = "convert"
+
+
+@contextlib.contextmanager
+def open_folder(out: Path) -> Iterator[None]:
+    """Make the folder of a corpus, or take a former one; what killed runs left in it is removed.
+
+    Raises
+    ------
+    ConfigurationError
+        If the folder has something else in it.
+    """
+    console.make_folder(out)
+    there = {path.name for path in out.iterdir()}
+    # Hidden files are lost where a corpus is packed and sent.
+    ours = _OURS in there or {DESCRIPTION_FILE, UTTERANCES_FILE} <= there
+    if there and not ours:
+        raise ConfigurationError(
+            "the folder for the corpus is not empty, and is no corpus of a former conversion",
+            path=out,
+            found=", ".join(sorted(there)[:5]),
+            advice="Give the name of a new folder.",
+        )
+    if _OURS not in there:
+        (out / _OURS).write_bytes(b"")
+    with _alone(out):
+        _remove_partial(out)
+        try:
+            yield
+        finally:
+            # A process that is ended in the middle of writing leaves its part behind.
+            _remove_partial(out)
+
+
+@contextlib.contextmanager
+def _alone(out: Path) -> Iterator[None]:
+    """Let no other conversion into the folder; the system lets go when a process is killed."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    with open(out / _OURS, "rb") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ConfigurationError(
+                "another conversion is at work in this folder",
+                path=out,
+                advice="Wait for it to end, or end it.",
+            ) from None
+        except OSError:  # A disk that cannot lock.
+            pass
+        yield
+
+
+def _remove_partial(out: Path) -> None:
+    for folder in (out, *(out / part for part in (*PARTS, AUDIO))):
+        for path in folder.glob(".*.partial"):
+            path.unlink(missing_ok=True)
+
+
+def former_splits(out: Path, manifest: Manifest) -> dict[str, str]:
+    """Splits that a former conversion drew in the same way, by id."""
+    try:
+        content = tomllib.loads((out / DESCRIPTION_FILE).read_text(encoding="utf-8"))
+        steps = [step for step in content["provenance"] if step["step"] == _STEP]
+        same = steps[-1]["arguments"]["splits"] == described(manifest)["splits"]
+        rows = read_utterances(out)
+    except (OSError, ValueError, KeyError, TypeError, IndexError, MocapFitError):
+        return {}
+    return {row.id: row.split for row in rows} if same else {}
+
+
+def finish(plan: Plan, outcomes: Mapping[str, Outcome], out: Path) -> list[str]:
+    """Write the corpus's table and description, and remove the files of what is not in it.
+
+    Parameters
+    ----------
+    plan
+        What was to be done.
+    outcomes
+        What came of every utterance, by id.
+    out
+        The corpus's folder.
+
+    Returns
+    -------
+    list[str]
+        Utterances that were in the corpus and are not any more.
+    """
+    good = {name: o.figures for name, o in outcomes.items() if o.error is None and o.figures}
+    utterances = tuple(
+        Utterance(
+            entry.id,
+            entry.speaker,
+            entry.session,
+            entry.split,
+            good[entry.id]["duration"],
+            entry.text,
+            tuple(good[entry.id]["sources"]),
+            tuple(good[entry.id]["checks"]),
+            out,
+        )
+        for entry in plan.entries
+        if entry.id in good
+    )
+    wanted = {f"{part}/{name}.parquet" for name in good for part in PARTS}
+    wanted |= {f"{AUDIO}/{name}.wav" for name, known in good.items() if "audio" in known}
+    before = _names(out)
+    if utterances:
+        _describe(plan, utterances, good, out)
+    else:
+        for name in (DESCRIPTION_FILE, UTTERANCES_FILE):
+            (out / name).unlink(missing_ok=True)
+    for folder, ending in (*((part, "parquet") for part in PARTS), (AUDIO, "wav")):
+        for path in (out / folder).glob(f"*.{ending}"):
+            if f"{folder}/{path.name}" not in wanted:
+                path.unlink()
+    return sorted(before - set(good))
+
+
+def _names(out: Path) -> set[str]:
+    return {path.stem for path in (out / PARTS[-1]).glob("*.parquet")}
+
+
+def _describe(
+    plan: Plan,
+    utterances: tuple[Utterance, ...],
+    good: Mapping[str, Mapping[str, object]],
+    out: Path,
+) -> None:
+    settings = plan.settings
+    manifest, speaker = settings.manifest, next(iter(settings.speakers.values()))
+    rates = {good[u.id]["recorded_rate"] for u in utterances}
+    rate = manifest.rate or (rates.pop() if len(rates) == 1 else None)
+    file = None
+    if plan.phone_set_file is not None:
+        file, content = plan.phone_set_file
+        with whole_file(out / file) as partial:
+            partial.write_bytes(content)
+    corpus = Corpus(
+        utterances,
+        phone_set=settings.phone_set,
+        parameter_names=speaker.binding.rig.parameter_names,
+        rate=rate if isinstance(rate, float) else None,
+        language=manifest.language or settings.phone_set.language,
+        face=speaker.face_name,
+        layout=speaker.layout.name,
+        folder=out,
+        provenance=(Step(_STEP, described(manifest)),),
+    )
+    write_corpus(corpus, out, file)

@@ -1,0 +1,328 @@
+"""Figures of a fit beside its truth: tracks, residuals, accuracy, faces, head motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from corpus_tools.demo.comparison import Accuracy, FittedRecording, pose_errors
+from mocap_fit.drawing import BLUE, GREEN, GREY, INK, ORANGE, PALE, RED, figure_title, new_figure
+from mocap_fit.fitting import Binding
+from mocap_fit.tracks import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def track_figure(recording: FittedRecording, speaker: str = "") -> Figure:
+    """Every parameter over time: truth, fit, and two standard deviations round the fit.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    speaker
+        Whose it is, for the title.
+    """
+    fit, truth = recording.fit.parameters, recording.truth
+    times, count = truth.times, len(truth.names)
+    columns = 2
+    rows = -(-count // columns)
+    figure, axes = new_figure(
+        (10.5, 1.25 * rows + 1.5),
+        rows + 1,
+        columns,
+        height_ratios=[1.0] * rows + [0.55],
+        sharex=True,
+    )
+    for i, name in enumerate(truth.names):
+        axis: Axes = axes[i // columns, i % columns]
+        deviation = 2 * fit.standard_deviations[:, i]
+        # Where the markers do not determine the parameter, the band fills the panel.
+        deviation = np.where(np.isinf(deviation), 10.0, deviation)
+        value = fit.values[:, i]
+        axis.plot(times, truth.values[:, i], color=INK, lw=2.6, alpha=0.35, label="truth")
+        axis.fill_between(
+            times,
+            value - deviation,
+            value + deviation,
+            color=ORANGE,
+            alpha=0.35,
+            lw=0,
+            label="±2 standard deviations",
+        )
+        axis.plot(times, value, color=BLUE, lw=1.1, label="fit")
+        axis.set_title(name.replace("_", " "), pad=3)
+        axis.set_ylim(-0.65, 1.25)
+        axis.set_yticks([-0.5, 0, 0.5, 1])
+        axis.grid(axis="y")
+        _shade(axis, times, ~recording.motion.known)
+    for axis in axes[rows]:
+        gaps = recording.hidden.sum(axis=1)
+        axis.fill_between(times, gaps, step="mid", color=GREY, lw=0)
+        axis.set_ylim(0, max(5, int(gaps.max())))
+        axis.locator_params(axis="y", nbins=3, integer=True)
+        axis.set_title(f"face markers hidden (of {recording.hidden.shape[1]})", pad=3)
+        axis.set_xlabel("time (s)")
+        axis.set_xlim(times[0], times[0] + truth.duration)
+        _shade(axis, times, ~recording.motion.known)
+    for spare in axes[:rows].ravel()[count:]:
+        spare.axis("off")
+    figure.supylabel("parameter (0 rest, 1 full gesture)", fontsize=9)
+    of_whom = f" of {speaker}" if speaker else ""
+    figure_title(figure, f"Face parameters of the recording {truth.name}{of_whom}: truth and fit")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    if not recording.motion.known.all():
+        handles.append(_patch(RED, 0.25))
+        labels.append("head pose not known")
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    return figure
+
+
+def residual_figure(recording: FittedRecording) -> Figure:
+    """How far the markers are from the fitted face, over time and by marker."""
+    residuals = recording.fit.marker_residuals
+    times = recording.truth.times
+    markers = residuals.shape[1]
+    figure, axes = new_figure(
+        (10.5, 7.2), 2, 2, height_ratios=[1, 3.6], width_ratios=[3.4, 1], sharex="col"
+    )
+    over_time, corner, heat, by_marker = axes.ravel()
+    corner.axis("off")
+    rms = recording.fit.parameters.residuals
+    over_time.plot(times, rms, color=BLUE, lw=1.2)
+    over_time.axhline(float(np.nanmedian(rms)), color=GREY, lw=1, ls="--")
+    over_time.set_ylim(0, 1.25 * float(np.nanmax(rms)))
+    over_time.set_ylabel("RMS (mm)")
+    over_time.set_title(f"each frame (dashed: the median, {np.nanmedian(rms):.2f} mm)", pad=3)
+    over_time.grid(axis="y")
+    _shade(over_time, times, ~recording.motion.known)
+
+    largest = float(np.nanpercentile(residuals, 99.5))
+    half = 0.5 / recording.truth.rate
+    colours = _colour_map()
+    image = heat.imshow(
+        residuals.T,
+        aspect="auto",
+        interpolation="nearest",
+        cmap=colours,
+        vmin=0,
+        vmax=largest,
+        extent=(times[0] - half, times[-1] + half, markers - 0.5, -0.5),
+    )
+    heat.set_yticks(range(markers), [n.replace("_", " ") for n in recording.fit.marker_names])
+    heat.tick_params(axis="y", labelsize=7, length=0)
+    heat.set_title("each marker in each frame", pad=3)
+    heat.set_xlabel("time (s)")
+    bar = figure.colorbar(image, ax=heat, location="bottom", shrink=0.55, pad=0.02, aspect=40)
+    bar.set_label("distance from the fitted face (mm); grey: hidden")
+    bar.outline.set_visible(False)
+
+    root = np.sqrt(np.nanmean(residuals**2, axis=0))
+    by_marker.barh(range(markers), root, color=BLUE, height=0.7)
+    by_marker.set_ylim(markers - 0.5, -0.5)
+    by_marker.set_yticks([])
+    by_marker.spines["left"].set_visible(False)
+    by_marker.set_title("each marker", pad=3)
+    by_marker.set_xlabel("RMS (mm)")
+    by_marker.grid(axis="x")
+    figure_title(figure, f"Residuals of the recording {recording.truth.name}")
+    return figure
+
+
+def accuracy_figure(by_objective: dict[str, Accuracy], noise: float) -> Figure:
+    """Error of each parameter beside its Cramér-Rao bound, for fits with several objectives."""
+    first = next(iter(by_objective.values()))
+    rows = np.arange(len(first.names))
+    figure, axes = new_figure((8.0, 4.6), 1, 1)
+    axis: Axes = axes[0, 0]
+    axis.barh(rows, 100 * first.bounds, color=PALE, height=0.72, label="Cramér-Rao bound")
+    looks = (("o", BLUE), ("D", RED), ("s", GREEN))
+    shifts = np.linspace(-0.14, 0.14, len(by_objective)) if len(by_objective) > 1 else [0.0]
+    for (objective, result), (mark, colour), shift in zip(
+        by_objective.items(), looks, shifts, strict=False
+    ):
+        axis.plot(
+            100 * result.errors,
+            rows + shift,
+            mark,
+            color=colour,
+            ms=6,
+            mec="white",
+            mew=0.7,
+            ls="none",
+            label=f"RMS error, {objective}",
+        )
+    axis.set_yticks(rows, [name.replace("_", " ") for name in first.names])
+    axis.tick_params(axis="y", length=0)
+    axis.invert_yaxis()
+    axis.set_xlabel("% of a full gesture (1.0 of the parameter)")
+    axis.set_xlim(left=0)
+    axis.grid(axis="x")
+    figure.legend(loc="outside lower center", ncols=1 + len(by_objective))
+    figure_title(figure, f"Error of the parameters and its bound: {noise:g} mm of marker noise")
+    return figure
+
+
+def head_figure(recording: FittedRecording) -> Figure:
+    """The head's motion that was found, the true one, and the difference."""
+    motion, truth, times = recording.motion, recording.true_pose, recording.truth.times
+    figure, axes = new_figure(
+        (10.5, 5.4), 2, 2, height_ratios=[2.4, 1], sharex=True, gridspec_kw={"wspace": 0.12}
+    )
+    centre = motion.centre
+    shifts = (
+        motion.rotations @ centre + motion.translations - centre,
+        truth.rotations[:, 0] @ centre + truth.translations[:, 0] - centre,
+    )
+    turns = [np.full((len(times), 3), np.nan), np.full((len(times), 3), np.nan)]
+    for turn, rotations in zip(turns, (motion.rotations, truth.rotations[:, 0]), strict=True):
+        known = np.isfinite(rotations).all(axis=(1, 2))
+        turn[known] = Rotation.from_matrix(rotations[known]).as_rotvec(degrees=True)
+    names = (
+        ("x, to the side", "y, back and forth", "z, up and down"),
+        ("about x (nod)", "about y (tilt)", "about z (turn)"),
+    )
+    errors = pose_errors(motion, truth)
+    units = ("mm", "degrees")
+    for column, (found, true) in enumerate((shifts, turns)):
+        axis, below = axes[:, column]
+        for i, colour in enumerate((BLUE, RED, GREEN)):
+            axis.plot(times, true[:, i], color=colour, lw=5, alpha=0.25, solid_capstyle="butt")
+            axis.plot(times, found[:, i], color=colour, lw=1.2, label=names[column][i])
+        axis.axhline(0, color=GREY, lw=0.8)
+        axis.grid(axis="y")
+        axis.set_ylabel(f"{('shift', 'turn')[column]} ({units[column]})")
+        axis.margins(y=0.12)
+        axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, handlelength=1.2)
+        error = np.degrees(errors[1]) if column else errors[0]
+        below.plot(times, error, color=INK, lw=1)
+        below.set_ylim(0, 1.2 * float(np.nanmax(error)))
+        below.set_ylabel(f"error ({units[column]})")
+        below.set_xlabel("time (s)")
+        below.set_xlim(times[0], times[0] + recording.truth.duration)
+        below.grid(axis="y")
+        _shade(axis, times, ~motion.known)
+        _shade(below, times, ~motion.known)
+    figure_title(
+        figure,
+        f"Head motion of the recording {recording.truth.name} (thin: found, broad: truth), at the "
+        "centre of the reference markers",
+    )
+    return figure
+
+
+def face_figure(recording: FittedRecording, binding: Binding, frames: Sequence[int]) -> Figure:
+    """The head in some fitted frames, with the measured markers and the fitted ones on it.
+
+    Raises
+    ------
+    MissingExtraError
+        If this machine cannot draw faces.
+    """
+    from matplotlib.lines import Line2D
+
+    from mocap_fit.render import FaceScene
+
+    places = binding.orientation.apply(recording.in_head_coordinates)
+    columns = recording.recording.indices(binding.names)
+    mesh = binding.rig.mesh
+    corners = binding.vertex_ids[binding.corners[:, 0]]
+    size = (420, 500)
+    figure, axes = new_figure(
+        (2.1 * len(frames), 5.6),
+        2,
+        len(frames),
+        gridspec_kw={"wspace": 0.0, "hspace": 0.0},
+    )
+    for row, view in enumerate(("front", "three-quarter")):
+        centre = mesh.vertices[mesh.feature_point("9.3")] * (0.15, 1.0, 0.3) - (0.0, 22.0, 0.0)
+        with FaceScene(mesh, view=view, size=size, zoom=1.75, centre=centre) as scene:  # type: ignore[arg-type]
+            for column, frame in enumerate(frames):
+                values = recording.fit.parameters.values[frame]
+                vertices = binding.rig.deform(values)
+                virtual, _ = binding.evaluate(values)
+                # The far side of the head hides its markers.
+                towards = scene.camera_position - virtual
+                towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+                seen = np.sum(towards * mesh.normals(vertices)[corners], axis=1) > 0.12
+                measured = np.where(seen[:, None], places[frame, columns], np.nan)
+                virtual = np.where(seen[:, None], virtual, np.nan)
+                axis: Axes = axes[row, column]
+                axis.imshow(scene.image(vertices))
+                axis.plot(*scene.project(measured).T, "o", color=BLUE, ms=2.6, mew=0)
+                axis.plot(*scene.project(virtual).T, "o", mfc="none", mec=ORANGE, ms=5, mew=1)
+                axis.set_xlim(0, size[0])
+                axis.set_ylim(size[1], 0)
+                axis.axis("off")
+                if row == 0:
+                    axis.set_title(f"{recording.truth.times[frame]:.2f} s", loc="center", pad=3)
+    handles = [
+        Line2D([], [], marker="o", color=BLUE, ls="none", ms=5, mew=0, label="measured marker"),
+        Line2D(
+            [],
+            [],
+            marker="o",
+            mfc="none",
+            mec=ORANGE,
+            ls="none",
+            ms=7,
+            mew=1.4,
+            label="the same on the fitted face (alone: hidden from the cameras)",
+        ),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    figure_title(figure, f"The face fitted to the recording {recording.truth.name}")
+    return figure
+
+
+def varied_frames(
+    recording: FittedRecording, count: int, *, least_distance: float = 0.2
+) -> list[int]:
+    """Fitted frames whose faces differ much from each other, in order of time.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    count
+        How many; fewer where the recording is too short.
+    least_distance
+        Time between any two of them, seconds.
+    """
+    values, times = recording.fit.parameters.values, recording.truth.times
+    usable = np.isfinite(values).all(axis=1)
+    chosen: list[int] = []
+    # The first is the most expressive; each next is the farthest from those before.
+    apart = np.sum(values**2, axis=1)
+    while len(chosen) < count and usable.any():
+        best = int(np.argmax(np.where(usable, apart, -1.0)))
+        distance = np.sum((values - values[best]) ** 2, axis=1)
+        apart = np.minimum(apart, distance) if chosen else distance
+        chosen.append(best)
+        usable &= np.abs(times - times[best]) > least_distance
+    return sorted(chosen)
+
+
+def _shade(axis: Axes, times: FloatArray, where: NDArray[np.bool_]) -> None:
+    """Mark frames over the whole height of a panel."""
+    half = 0.5 * (times[1] - times[0])
+    for time in times[where]:
+        axis.axvspan(time - half, time + half, color=RED, alpha=0.25, lw=0)
+
+
+def _patch(colour: str, alpha: float) -> Any:
+    from matplotlib.patches import Patch
+
+    return Patch(color=colour, alpha=alpha, lw=0)
+
+
+def _colour_map() -> Any:
+    import matplotlib
+
+    return matplotlib.colormaps["viridis"].with_extremes(bad=PALE)

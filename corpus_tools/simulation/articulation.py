@@ -1,0 +1,372 @@
+"""From phones to the face: overlapping gestures, with the numbers of ``articulation.toml``.
+
+None of the control models that are trained on it is made like this: there are no dominance
+functions and no weighting of vowels by consonants, but gestures that begin and end, and
+articulators with inertia that follow them (Saltzman and Munhall 1989). Coarticulation and
+undershoot come of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from pydantic import Field
+
+from corpus_tools.simulation.dynamics import JAW, LOWER, UPPER, LipDistance, Pull, move
+from corpus_tools.simulation.session import gesture as wandering
+from corpus_tools.simulation.traits import Rule, Strict, load_table, plain_sound, traits
+from mocap_fit.face import Rig
+from mocap_fit.phones import PhoneSegment, PhoneSequence, PhoneSet
+from mocap_fit.tracks import FloatArray
+
+# Steps a second of the simulation, and how long a gesture takes to be all there or all gone.
+_RATE = 300.0
+_RAMP, _LIPS_RAMP = 0.03, 0.06
+# Seconds.
+_AT_ENDS = 1.0
+# The second target of a diphthong is on its way this long before its time.
+_GLIDE_LEAD = 0.03
+# Hertz: the wandering is slower than this, and made at that rate.
+_SLOW, _SLOW_RATE = 0.6, 15.0
+_LEFT, _RIGHT, _SHIFT = "left_corner_stretch", "right_corner_stretch", "jaw_shift"
+
+Sum = float | dict[str, float]
+
+
+class _Lips(Strict):
+    distance: float
+    share: float
+
+
+class _Gesture(Rule):
+    name: str
+    lead: float
+    tail: float
+    anticipation: float = 0.0
+    stiffness: float
+    strength: float
+    reduced: float = 1.0
+    targets: dict[str, Sum] = Field(default={})
+    lips: _Lips | None = None
+
+
+class _Neutral(Strict):
+    stiffness: float
+    strength: float
+    targets: dict[str, float]
+
+
+class _SpeakerNoise(Strict):
+    left_right: float
+    jaw_shift_habit: float
+    setting: float
+
+
+class _UtteranceNoise(Strict):
+    effort: float
+    haste: float
+    slow: float
+    jaw_shift: float
+
+
+class _WordNoise(Strict):
+    emphasis: float
+    declination: float
+
+
+class _GestureNoise(Strict):
+    extent: float
+    target: float
+    timing: float
+    stiffness: float
+    lips: float
+    left_right: float
+
+
+class _Resistance(Strict):
+    factor: float
+
+
+class _Diphthongs(Strict):
+    turn: float
+    ends: dict[str, dict[str, dict[str, float]]]
+
+
+class Articulation(Strict):
+    """The table ``articulation.toml``."""
+
+    neutral: _Neutral
+    gestures: tuple[_Gesture, ...]
+    speaker: _SpeakerNoise
+    utterance: _UtteranceNoise
+    word: _WordNoise
+    gesture: _GestureNoise
+    resistance: _Resistance
+    reduction: dict[str, float]
+    diphthongs: _Diphthongs
+
+
+@cache
+def load_articulation() -> Articulation:
+    """Read the shipped table."""
+    return load_table("articulation.toml", Articulation)
+
+
+@dataclass(frozen=True, eq=False)
+class _Active:
+    """A gesture of a phone, in time."""
+
+    gesture: _Gesture
+    traits: dict[str, float]
+    phone: int
+    start: float
+    end: float
+    extent: float
+    strong: frozenset[str]
+
+
+class Articulator:
+    """A speaker's mouth.
+
+    Parameters
+    ----------
+    face
+        The speaker's face.
+    phone_set
+        What the phones are from.
+    rng
+        Of the speaker's habits.
+    table
+        The shipped one where not given.
+    """
+
+    def __init__(
+        self,
+        face: Rig,
+        phone_set: PhoneSet,
+        rng: np.random.Generator,
+        table: Articulation | None = None,
+    ) -> None:
+        self.table = load_articulation() if table is None else table
+        self.names = face.parameter_names
+        self._bounds = face.bounds
+        self._set = phone_set
+        self._traits: dict[str, dict[str, float]] = {}
+        self._lips = LipDistance.of(face)
+        noise = self.table.speaker
+        self._left_right = noise.left_right * float(np.clip(rng.standard_normal(), -2, 2))
+        side = 1.0 if rng.random() < 0.5 else -1.0
+        self._habit = noise.jaw_shift_habit * side * float(rng.uniform(0.6, 1.4))
+        self._neutral = np.array([self.table.neutral.targets.get(n, 0.0) for n in self.names])
+        self._setting = noise.setting * rng.standard_normal(len(self.names))
+
+    def say(self, phones: PhoneSequence, times: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """Move the face.
+
+        Parameters
+        ----------
+        phones
+            Of the set, with silence before and after.
+        times
+            `(frames,)`, seconds on the clock of the phones.
+        rng
+            Of what varies from utterance to utterance and from gesture to gesture.
+
+        Returns
+        -------
+        FloatArray
+            `(frames, parameters)`, within the face's bounds.
+        """
+        first = min(float(times[0]), phones[0].start) - 0.1
+        last = max(float(times[-1]), phones[len(phones) - 1].end) + 0.1
+        clock = first + np.arange(int(np.ceil((last - first) * _RATE)) + 1) / _RATE
+        values = move(self._pull(phones, clock, rng), self.names, self._lips)
+        corners = [self.names.index(name) for name in (_LEFT, _RIGHT)]
+        values[:, corners] *= 1.0 + self._left_right * np.array([1.0, -1.0])
+        shift = self.names.index(_SHIFT)
+        values[:, shift] += self._habit * values[:, self.names.index(JAW)]
+        seen = np.stack([np.interp(times, clock, column) for column in values.T], axis=1)
+        return np.asarray(np.clip(seen, *self._bounds.T))
+
+    def _pull(self, phones: PhoneSequence, clock: FloatArray, rng: np.random.Generator) -> Pull:
+        table, names = self.table, self.names
+        steps, count = len(clock), len(names)
+        varies = table.utterance
+        effort = float(np.exp(varies.effort * np.clip(rng.standard_normal(), -2, 2)))
+        haste = float(np.exp(varies.haste * np.clip(rng.standard_normal(), -2, 2)))
+        weights = np.full((steps, count), table.neutral.strength)
+        sums = weights * (self._neutral + self._setting)
+        stiff = weights * table.neutral.stiffness
+        free = np.ones((steps, 2))
+        lips = np.zeros((steps, 4))
+        emphasis = self._emphasis(phones, rng)
+        for active in self._gestures(phones):
+            gesture, noise = active.gesture, _Noise(rng, table)
+            moves = noise.onset, noise.offset
+            stiffness = gesture.stiffness * haste * noise.stiffness
+            for name, target in gesture.targets.items():
+                index = names.index(name)
+                early = self._anticipated(phones, active, name)
+                part, activation = _activation(clock, active, early, moves)
+                strength = gesture.strength * (
+                    table.resistance.factor if name in active.strong else 1.0
+                )
+                goal = _sum(target, active.traits)
+                if not active.traits["silence"]:
+                    neutral = self._neutral[index]
+                    extent = active.extent * effort * emphasis[active.phone] * noise.extent
+                    goal = neutral + (goal - neutral) * extent
+                    goal += noise.target(name)
+                pull = strength * activation
+                weights[part, index] += pull
+                sums[part, index] += pull * goal
+                stiff[part, index] += pull * stiffness
+            if gesture.lips is not None:
+                part, activation = _activation(clock, active, active.start, moves, _LIPS_RAMP)
+                pull = gesture.strength * activation
+                share = gesture.lips.share
+                # Lips that are to close do, whatever the noise.
+                distance = gesture.lips.distance + noise.lips
+                if gesture.lips.distance < 0:
+                    distance = min(distance, 0.5 * gesture.lips.distance)
+                free[part] *= 1.0 - activation[:, None] * [float(share > 0), 1.0]
+                lips[part] += pull[:, None] * [1.0, distance, share, stiffness]
+        coarse = np.arange(clock[0], clock[-1] + 1.0 / _SLOW_RATE, 1.0 / _SLOW_RATE)
+        slow = np.stack(
+            [
+                np.interp(
+                    clock, coarse, wandering(rng, len(coarse), _SLOW_RATE, _SLOW, -extent, extent)
+                )
+                for extent in (varies.jaw_shift if n == _SHIFT else varies.slow for n in names)
+            ],
+            axis=1,
+        )
+        stiff /= weights
+        distance, share, stiffer = (lips[:, 1:] / np.maximum(lips[:, :1], 1e-12)).T
+        for i, name in enumerate((UPPER, LOWER)):
+            own = stiff[:, names.index(name)]
+            own += (1.0 - free[:, i]) * (stiffer - own)
+        return Pull(1.0 / _RATE, sums / weights + slow, stiff, 1.0 - free, distance, share)
+
+    def _emphasis(self, phones: PhoneSequence, rng: np.random.Generator) -> list[float]:
+        """How far each phone's gestures go for its word's sake: more weight, or less."""
+        noise = self.table.word
+        factor, found = 1.0, []
+        for i, segment in enumerate(phones):
+            if i == 0 or segment.word != phones[i - 1].word:
+                factor = float(np.exp(noise.emphasis * np.clip(rng.standard_normal(), -2, 2)))
+            place = (segment.centre - phones[0].start) / phones.duration
+            found.append(factor * (1.0 - noise.declination * (place - 0.5)))
+        return found
+
+    def _gestures(self, phones: PhoneSequence) -> Iterator[_Active]:
+        """All gestures of an utterance, phone by phone."""
+        reduction = self.table.reduction.get(self._set.language, 1.0)
+        for i, segment in enumerate(phones):
+            phone = self._set.phone(segment)
+            strong = phone.resists or frozenset()
+            for start, end, found in self._parts(segment):
+                for gesture in self.table.gestures:
+                    if not gesture.holds(found):
+                        continue
+                    lead = gesture.lead if start == segment.start else _GLIDE_LEAD
+                    tail = gesture.tail if end == segment.end else 0.0
+                    begin, stop = start - lead, end + tail
+                    # Before the first phone and after the last all stays as it is.
+                    if i == 0:
+                        begin -= _AT_ENDS
+                    if i == len(phones) - 1:
+                        stop = end + _AT_ENDS
+                    if stop - begin < _RAMP:
+                        continue
+                    less = (1.0 - gesture.reduced) * reduction
+                    extent = 1.0 - less * {None: 1.0, 0: 1.0, 2: 0.5}.get(segment.stress, 0.0)
+                    yield _Active(gesture, found, i, begin, stop, extent, strong)
+
+    def _parts(self, segment: PhoneSegment) -> Iterator[tuple[float, float, dict[str, float]]]:
+        """The stretches of a phone with a target of their own: two of a diphthong."""
+        found = self._traits_of(segment)
+        ends = self.table.diphthongs.ends.get(plain_sound(self._set.phone(segment)))
+        if ends is None:
+            yield segment.start, segment.end, found
+            return
+        turn = segment.start + self.table.diphthongs.turn * segment.duration
+        yield segment.start, turn, found | ends["from"]
+        yield turn, segment.end, found | ends["to"]
+
+    def _traits_of(self, segment: PhoneSegment) -> dict[str, float]:
+        if segment.phone not in self._traits:
+            self._traits[segment.phone] = traits(self._set.phone(segment))
+        return self._traits[segment.phone]
+
+    def _anticipated(self, phones: PhoneSequence, active: _Active, parameter: str) -> float:
+        """When a gesture may begin to show in a parameter: no phone before it minds."""
+        if not active.gesture.anticipation or active.start > phones[active.phone].start:
+            return active.start
+        earliest = active.start - active.gesture.anticipation
+        for segment in reversed(phones.segments[: active.phone]):
+            if segment.end <= earliest:
+                break
+            found = self._traits_of(segment)
+            minds = any(
+                parameter in gesture.targets and gesture.holds(found)
+                for gesture in self.table.gestures
+            )
+            if minds:
+                earliest = segment.end
+                break
+        return min(active.start, earliest)
+
+
+class _Noise:
+    """What varies in one gesture."""
+
+    def __init__(self, rng: np.random.Generator, table: Articulation) -> None:
+        noise = table.gesture
+        draws = np.clip(rng.standard_normal(7), -2.0, 2.0)
+        self.onset, self.offset = noise.timing * draws[:2]
+        self.stiffness = float(np.exp(noise.stiffness * draws[2]))
+        self.extent = float(np.exp(noise.extent * draws[3]))
+        self.lips = float(noise.lips * draws[4])
+        self._added = float(noise.target * draws[5])
+        self._left_right = float(noise.left_right * draws[6])
+
+    def target(self, name: str) -> float:
+        """What is added to a target."""
+        return self._added + {_LEFT: self._left_right, _RIGHT: -self._left_right}.get(name, 0.0)
+
+
+def _sum(target: Sum, found: dict[str, float]) -> float:
+    if not isinstance(target, dict):
+        return target
+    return sum(
+        factor * (1.0 if trait == "base" else found[trait]) for trait, factor in target.items()
+    )
+
+
+def _activation(
+    clock: FloatArray,
+    active: _Active,
+    early: float,
+    moves: tuple[float, float],
+    ramp: float = _RAMP,
+) -> tuple[slice, FloatArray]:
+    """How much of a gesture there is, and in which steps: 0 to 1, with soft ends."""
+    start, end = active.start + moves[0], active.end + moves[1]
+    # Half-way in and half-way out at its start and its end; anticipation only ever adds.
+    full, begin = start + 0.5 * ramp, start - max(active.start - early, 0.0) - 0.5 * ramp
+    gone = end + 0.5 * ramp
+    part = slice(
+        int(np.searchsorted(clock, begin)), int(np.searchsorted(clock, gone, side="right"))
+    )
+    times = clock[part]
+    rise = np.clip((times - begin) / (full - begin), 0.0, 1.0)
+    fall = np.clip((gone - times) / ramp, 0.0, 1.0)
+    return part, np.minimum(_smooth(rise), _smooth(fall))
+
+
+def _smooth(share: FloatArray) -> FloatArray:
+    return np.asarray(share * share * (3.0 - 2.0 * share))

@@ -1,0 +1,298 @@
+"""What ``mocap-fit simulate`` writes: a corpus as a lab has it, and its truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from corpus_tools.cli import console
+from corpus_tools.cli.console import Status
+from corpus_tools.simulation.session import Conditions, Session, Simulation
+from mocap_fit.errors import ConfigurationError, MocapFitError
+from mocap_fit.face import load_face
+from mocap_fit.fitting import load_layout
+from mocap_fit.fitting.layout import shipped_layouts
+from mocap_fit.io import write_qualisys_tsv
+from mocap_fit.labels.readers import Label, Labels, Tier, write_labels
+from mocap_fit.phones import PhoneSequence, PhoneSet
+from mocap_fit.tracks import ParameterTracks, write_parquet
+
+if TYPE_CHECKING:
+    from mocap_fit.sound import Sound
+
+DurationSource = Literal["model", "espeak"]
+DURATIONS: tuple[DurationSource, ...] = ("model", "espeak")
+
+SPEAKER, SESSION = "speaker", "1"
+_LAYOUT = "layout.toml"
+# Of 287 sentences, 87 are for the test, as in Beskow section 3.
+_TEST, _OF = 87, 287
+# Seconds of sound before the first frame and after the last.
+_BEFORE, _AFTER = (0.05, 0.35), (0.05, 0.2)
+# Of espeak-ng, from sentence to sentence.
+_WORDS_PER_MINUTE, _HASTE = 150.0, 0.12
+# Random numbers that do not depend on how many utterances there are.
+_SENTENCES, _SPEAKER = 1, 2
+
+
+@dataclass(frozen=True)
+class Spoken:
+    """What a simulated corpus is of.
+
+    Parameters
+    ----------
+    language
+        One that there are sentences of.
+    durations
+        Where times and sound are from: our model, or espeak-ng.
+    drift
+        Millionths by which the frames are faster than they say, on the clock of the sound.
+    """
+
+    language: str = "sv"
+    durations: DurationSource = "model"
+    drift: float = 20.0
+
+
+def run(
+    out: Path,
+    *,
+    utterances: int,
+    seed: int,
+    layout: str,
+    conditions: Conditions,
+    head: dict[str, float] | None = None,
+    spoken: Spoken | None = None,
+    progress: Callable[[int], object] | None = None,
+) -> Status:
+    """Write a simulated session: recordings, the reference pose, and the truth beside them.
+
+    Parameters
+    ----------
+    out
+        A folder that does not exist yet, or is empty.
+    utterances
+        Number of recordings.
+    seed
+        The same seed gives the same files.
+    layout
+        A layout's name or file.
+    conditions
+        What the session is like; its duration counts for free gestures only.
+    head
+        Proportions of the speaker's head, for `reshape_head`; the built-in head where not given.
+    spoken
+        What is spoken, with labels, sound and a manifest. Without it the face makes free gestures,
+        and says nothing.
+    progress
+        Called with the number of recordings written so far.
+    """
+    session = _session(out, layout, conditions, head)
+    takes = None if spoken is None else _Takes(session, spoken, utterances, seed)
+    folders = [out / "recordings", out / "truth" / "tracks", out / "truth" / "head"]
+    if takes is not None:
+        folders += [out / "labels", out / "sound"]
+    for folder in (out, *folders):
+        console.make_folder(folder)
+    generators = np.random.default_rng(seed).spawn(utterances + 1)
+    write_qualisys_tsv(session.reference(generators[0]), out / "reference.tsv")
+    width = max(3, len(str(utterances)))
+    names = [f"sim{i + 1:0{width}d}" for i in range(utterances)]
+    clocks: dict[str, Any] = {}
+    for i, (name, rng) in enumerate(zip(names, generators[1:], strict=True)):
+        if takes is None:
+            simulation = session.record(rng, name)
+        else:
+            simulation, clocks[name] = takes.record(i, name, rng, out)
+        write_parquet(simulation.parameters, folders[1] / f"{name}.parquet")
+        write_parquet(simulation.pose.replace(name=name), folders[2] / f"{name}.parquet")
+        # The recording comes last: where it is, its truth is too.
+        write_qualisys_tsv(simulation.recording, folders[0] / f"{name}.tsv")
+        if progress is not None:
+            progress(i + 1)
+    if takes is not None:
+        console.write_text(out / "truth" / "sync.json", console.json_text(clocks) + "\n")
+        console.write_text(out / "sentences.tsv", takes.table(names))
+        if layout not in shipped_layouts():
+            # A manifest names files under its root alone.
+            console.write_text(out / _LAYOUT, Path(layout).read_text(encoding="utf-8"))
+            layout = _LAYOUT
+        console.write_text(out / "manifest.toml", takes.manifest(layout))
+    return Status.DONE
+
+
+def is_test(utterance: int) -> bool:
+    """Whether an utterance, counted from 0, is for the test: 87 of 287, evenly spread."""
+    return (utterance + 1) * _TEST // _OF > utterance * _TEST // _OF
+
+
+class _Takes:
+    """Sentences, and a speaker who says them."""
+
+    def __init__(self, session: Session, spoken: Spoken, utterances: int, seed: int) -> None:
+        from corpus_tools.simulation.articulation import Articulator
+        from corpus_tools.simulation.sentences import load_language
+
+        self.session, self.spoken = session, spoken
+        self.step = {
+            "seed": seed,
+            "language": spoken.language,
+            "durations": spoken.durations,
+            "drift_ppm": spoken.drift,
+        }
+        self.language = load_language(spoken.language)
+        self.sentences = self.language.sentences(
+            utterances, np.random.default_rng([seed, _SENTENCES])
+        )
+        self.voice = None
+        if spoken.durations == "espeak":
+            from mocap_fit.synthesis import TextSpeaker
+
+            self.voice = TextSpeaker(spoken.language, phone_set=self.language.phone_set)
+        self.articulator = Articulator(
+            session.face, self.language.phone_set, np.random.default_rng([seed, _SPEAKER])
+        )
+
+    def record(
+        self, index: int, name: str, rng: np.random.Generator, out: Path
+    ) -> tuple[Simulation, Mapping[str, Any]]:
+        """Say a sentence, and write its sound and labels; gives what the clocks were."""
+        from corpus_tools.simulation.speech_sound import pulse_samples, sync_pulses
+        from mocap_fit.sound import Sound, write_sound
+
+        timing, voice, face, cameras = rng.spawn(4)
+        before, after = timing.uniform(*_BEFORE), timing.uniform(*_AFTER)
+        phones, speech = self._speech(index, name, before, after, timing, voice)
+        rate = self.session.conditions.rate
+        real_rate = rate * (1.0 + self.spoken.drift * 1e-6)
+        end = speech.duration - after
+        times = before + np.arange(int(np.floor((end - before) * real_rate))) / real_rate
+        truth = ParameterTracks(
+            self.session.face.parameter_names,
+            rate,
+            self.articulator.say(phones, times, face),
+            start_time=before,
+            name=name,
+        ).with_step("simulate", self.step)
+        pulses = sync_pulses(times, len(speech), speech.rate)
+        both = Sound(np.stack([speech.channel(1), pulses], axis=1), speech.rate)
+        write_sound(both, out / "sound" / f"{name}.wav")
+        labels = _labels(phones, self.language.phone_set, speech.duration)
+        write_labels(labels, out / "labels" / f"{name}.TextGrid")
+        clock = {
+            "start_time": before,
+            "drift_ppm": self.spoken.drift,
+            "frames": len(times),
+            "frame_rate": real_rate,
+            "first_pulse_sample": pulse_samples(times[:1], speech.rate)[0],
+            "sound_rate": speech.rate,
+        }
+        return self.session.play(truth, cameras), clock
+
+    def _speech(
+        self,
+        index: int,
+        name: str,
+        before: float,
+        after: float,
+        timing: np.random.Generator,
+        voice: np.random.Generator,
+    ) -> tuple[PhoneSequence, Sound]:
+        from corpus_tools.simulation.durations import load_durations, spoken
+        from corpus_tools.simulation.speech_sound import RATE, speech_sound
+        from mocap_fit.sound import Sound
+
+        phone_set, sentence = self.language.phone_set, self.sentences[index]
+        if self.spoken.durations == "model":
+            phones = spoken(sentence.words, phone_set, timing, name=name, start=before, end=after)
+            return phones, Sound(speech_sound(phones, phone_set, voice), RATE, name=name)
+        assert self.voice is not None
+        said = self.voice.speak(
+            sentence.text,
+            name=name,
+            words_per_minute=_WORDS_PER_MINUTE * np.exp(timing.uniform(-_HASTE, _HASTE)),
+            silence=max(before, after) + timing.uniform(*load_durations().pauses.before),
+        )
+        return said.phones, said.sound
+
+    def table(self, names: list[str]) -> str:
+        """``sentences.tsv``."""
+        rows = ["utterance\tsplit\ttext\tspeaker\tsession"]
+        for i, (name, sentence) in enumerate(zip(names, self.sentences, strict=True)):
+            split = "test" if is_test(i) else "train"
+            rows.append(f"{name}\t{split}\t{sentence.text}\t{SPEAKER}\t{SESSION}")
+        return "\n".join(rows) + "\n"
+
+    def manifest(self, layout: str) -> str:
+        """``manifest.toml``."""
+        return f"""\
+# A corpus that `mocap-fit simulate` made; its truth is in truth/.
+# mocap-fit convert manifest.toml --root . --out CORPUS
+format_version = 1
+language = "{self.language.language}"
+phone_set = "{self.language.phone_set.name}"
+layout = "{layout}"
+rate = {self.session.conditions.rate!r}
+
+[recordings]
+pattern = "recordings/{{id}}.tsv"
+[labels]
+pattern = "labels/{{id}}.TextGrid"
+phones = "phones"
+words = "words"
+[sound]
+pattern = "sound/{{id}}.wav"
+required = true
+[sync]
+kind = "pulses"
+channel = 2
+[sentences]
+file = "sentences.tsv"
+
+[[speakers]]
+id = "{SPEAKER}"
+reference = "reference.tsv"
+[[sessions]]
+id = "{SESSION}"
+speaker = "{SPEAKER}"
+"""
+
+
+def _labels(phones: PhoneSequence, phone_set: PhoneSet, end: float) -> Labels:
+    """The tiers of a TextGrid."""
+    segments = [Label(s.start, s.end, phone_set.symbol(s)) for s in phones]
+    words: list[Label] = []
+    before = None
+    for segment in phones:
+        # A word said twice in a row is two words: each begins with a phone that says so.
+        if words and segment.word and segment.word == before and words[-1].end == segment.start:
+            words[-1] = Label(words[-1].start, segment.end, segment.word)
+        else:
+            words.append(Label(segment.start, segment.end, segment.word))
+        before = segment.word
+    tiers = (Tier("words", tuple(words)), Tier("phones", tuple(segments)))
+    return Labels(tiers, 0.0, end, name=phones.name)
+
+
+def _session(
+    out: Path, layout: str, conditions: Conditions, head: dict[str, float] | None
+) -> Session:
+    from mocap_fit.face.builtin import built_in_head, reshape_head
+
+    if out.is_dir() and any(out.iterdir()):
+        raise ConfigurationError(
+            "the folder for the simulation is not empty",
+            path=str(out),
+            advice="Give a new folder, or empty this one.",
+        )
+    face = load_face()
+    if head:
+        face = load_face(mesh=reshape_head(built_in_head(), **head))
+    try:
+        return Session(load_layout(layout), face, conditions)
+    except MocapFitError as error:
+        raise console.located(error, layout) from None

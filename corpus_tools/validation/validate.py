@@ -1,0 +1,180 @@
+"""``mocap-fit validate``: every check, with the frames, markers and labels that fail."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from corpus_tools.cli import console
+from corpus_tools.cli.console import Status
+from mocap_fit.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from corpus_tools.validation import Context, Report
+
+
+def run(
+    paths: Sequence[Path],
+    *,
+    thresholds: Path | None = None,
+    layout: str | None = None,
+    phone_set: str | None = None,
+    page: Path | None = None,
+    as_json: bool = False,
+) -> Status:
+    """Check recordings, labels, sound and corpora, and say what is wrong on stdout.
+
+    Parameters
+    ----------
+    paths
+        Corpora (folders with a ``corpus.toml``), folders, or single files; files of one name are
+        one utterance.
+    thresholds
+        A TOML file that changes what counts as wrong.
+    layout, phone_set
+        Names or files, in place of what a corpus or the names of markers say.
+    page
+        A new HTML file with the report and its pictures.
+    as_json
+        Print one JSON object.
+
+    Returns
+    -------
+    Status
+        `BAD_DATA` if anything is an error; with warnings and notes alone it is `DONE`.
+
+    Raises
+    ------
+    ConfigurationError
+        If thresholds, layout or phone set cannot be used, or the page cannot be written.
+    """
+    if page is not None and not page.absolute().parent.is_dir():
+        raise ConfigurationError(
+            "the page cannot be written",
+            path=page,
+            found="no such folder",
+            advice="Make the folder, or choose another one.",
+        )
+    report = validate(paths, thresholds=thresholds, layout=layout, phone_set=phone_set)
+    if page is not None:
+        from corpus_tools.validation.page import write_page
+
+        write_page(report, page)
+    if as_json:
+        console.print_json(report.as_record())
+    else:
+        from corpus_tools.validation.report import show
+
+        show(report)
+    return Status.DONE if report.clean else Status.BAD_DATA
+
+
+def codes(*, as_json: bool = False) -> Status:
+    """Print the table of all codes."""
+    from corpus_tools.validation.report import code_records, show_codes
+
+    if as_json:
+        console.print_json(code_records())
+    else:
+        show_codes()
+    return Status.DONE
+
+
+def validate(
+    paths: Sequence[Path],
+    *,
+    thresholds: Path | None = None,
+    layout: str | None = None,
+    phone_set: str | None = None,
+) -> Report:
+    """Check recordings, labels, sound and corpora; parameters and errors as for `run`."""
+    from corpus_tools.validation import Context, Report, load_thresholds
+    from mocap_fit.corpus import DESCRIPTION_FILE
+    from mocap_fit.fitting import load_layout
+    from mocap_fit.phones import load_phone_set
+
+    limits = load_thresholds(thresholds)
+    context = Context(
+        limits,
+        None if layout is None else load_layout(layout),
+        phone_set=None if phone_set is None else load_phone_set(phone_set),
+    )
+    report = Report(limits)
+    loose = []
+    for path in paths:
+        if (path / DESCRIPTION_FILE).is_file():
+            _corpus(path, context, report)
+        else:
+            loose.append(path)
+    if loose:
+        _files(loose, context, report)
+    report.finish()
+    return report
+
+
+def _corpus(path: Path, context: Context, report: Report) -> None:
+    from corpus_tools.validation import corpora
+
+    opened, found = corpora.open_for_checks(path, context)
+    report.add(found)
+    if opened is None:
+        report.checked.append(f"{path}: a corpus that cannot be opened")
+        return
+    corpus = opened.corpus
+    summaries = []
+    with console.progress("checking utterances", max(1, len(corpus))) as advance:
+        for utterance in corpus:
+            found, summary = corpora.check_utterance(opened, utterance)
+            report.add(found)
+            summaries.append(summary)
+            advance()
+    report.add(list(corpora.check_between(summaries, context.limits, splits=True)))
+    report.summaries += summaries
+    rig = opened.context.rig
+    if rig is not None:
+        pairs = zip(rig.parameter_names, rig.bounds.tolist(), strict=True)
+        report.bounds = {name: (low, high) for name, (low, high) in pairs}
+    seconds = sum(utterance.duration for utterance in corpus)
+    report.checked.append(
+        f"{path}: a corpus of {len(corpus)} utterances, {seconds:.1f} s, in the splits "
+        f"{', '.join(corpus.splits) or 'none'}"
+    )
+
+
+def _files(paths: Sequence[Path], context: Context, report: Report) -> None:
+    from corpus_tools.validation import corpora, reading
+    from corpus_tools.validation.findings import Finding, Place
+    from corpus_tools.validation.subject import check_subject
+
+    chosen: list[Path] = []
+    for path in paths:
+        if path.is_dir():
+            inside, others = reading.files_in(path)
+            chosen += inside
+            if not inside:
+                report.add([Finding("MF002", Place(str(path)), "no recording, label or sound")])
+            if others:
+                names = ", ".join(str(other) for other in others[:5])
+                more = f" and {len(others) - 5} more" if len(others) > 5 else ""
+                what = "no reader takes these files"
+                report.add([Finding("MF003", Place(str(path)), f"{what}: {names}{more}")])
+            report.checked.append(f"{path}: a folder with {len(inside)} files that can be checked")
+        else:
+            chosen.append(path)
+            report.checked.append(str(path))
+    groups, unknown = reading.sorted_files(chosen)
+    report.add([reading.unknown(path) for path in unknown])
+    summaries = []
+    if groups:
+        with console.progress("checking files", len(groups)) as advance:
+            for files in groups:
+                subjects, found = reading.read_files(files, context.phone_set)
+                report.add(found)
+                for subject in subjects:
+                    found, summary = check_subject(subject, context)
+                    report.add(found)
+                    summaries.append(summary)
+                advance()
+    report.add(list(corpora.check_between(summaries, context.limits, splits=False)))
+    report.summaries += summaries

@@ -1,0 +1,112 @@
+"""``mocap-fit info`` on labels, sound, phones, corpora and models."""
+
+import json
+
+import numpy as np
+import pytest
+
+from corpus_tools.cli import app as cli
+from mocap_fit.control import create
+from mocap_fit.corpus import Corpus, Utterance, save_corpus
+from mocap_fit.phones import PhoneSegment, PhoneSequence
+from mocap_fit.sound import Sound, write_sound
+from mocap_fit.tracks import ParameterTracks
+
+
+def info(capsys, *paths, status=0):
+    assert cli.main(["info", "--json", *map(str, paths)]) == status
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.fixture(scope="module")
+def corpus():
+    def utterance(name, split):
+        values = np.random.default_rng(len(name)).normal(size=(60, 2))
+        phones = PhoneSequence(
+            (PhoneSegment(0.0, 0.4, "sil"), PhoneSegment(0.4, 1.0, "AA", 1, "ah", -20.0)),
+            phone_set="en-arpabet",
+            name=name,
+        )
+        tracks = ParameterTracks(("jaw_rotation", "lip_rounding"), 60.0, values, name=name)
+        return Utterance.of(tracks, phones, split=split, speaker="s", checks=("look",))
+
+    given = [utterance(name, "test" if name == "c" else "train") for name in "abc"]
+    return Corpus.of(given, "en-arpabet")
+
+
+def test_labels(tmp_path, capsys):
+    path = tmp_path / "a.lab"
+    path.write_text("0 1000000 sil\n1000000 2500000 AA\n2600000 3000000 B\n")
+    (told,) = info(capsys, path)
+    assert (told["content"], told["format"], told["end"]) == ("labels", "htk-lab", 0.3)
+    (tier,) = told["tiers"]
+    assert (tier["labels"], tier["different"]) == (3, 3)
+    assert "en-arpabet" in tier["phone_sets"]
+    (fault,) = told["faults"]
+    assert "0.25" in fault
+
+
+def test_many_utterances_in_one_file_of_labels(tmp_path, capsys):
+    path = tmp_path / "a.mlf"
+    path.write_text('#!MLF!#\n"*/a.lab"\n0 1000000 AA\n.\n"*/b.lab"\n0 2000000 B\n.\n')
+    (told,) = info(capsys, path)
+    assert [(u["name"], u["duration"]) for u in told["utterances"]] == [("a", 0.1), ("b", 0.2)]
+
+
+def test_a_table_may_be_labels_or_a_recording(tmp_path, capsys):
+    labels, recording = tmp_path / "a.csv", tmp_path / "b.csv"
+    labels.write_text("start,end,phone\n0,0.5,AA\n")
+    recording.write_text("time,m_x,m_y,m_z\n0,1,2,3\n0.1,1,2,3\n0.2,1,2,3\n")
+    told = info(capsys, labels, recording)
+    assert [each["content"] for each in told] == ["labels", "markers"]
+
+
+def test_sound(tmp_path, capsys):
+    times = np.arange(16000) / 16000
+    samples = np.stack([0.5 * np.sin(2 * np.pi * 200 * times), np.zeros(16000)], axis=1)
+    samples[100, 1] = 1.0
+    write_sound(Sound(samples, 16000), tmp_path / "a.wav")
+    (told,) = info(capsys, tmp_path / "a.wav")
+    assert (told["content"], told["rate"], told["duration"]) == ("sound", 16000, 1.0)
+    speech, other = told["channels"]
+    assert speech["peak"] == pytest.approx(0.5, abs=1e-3)
+    assert speech["loudest_db"] == pytest.approx(-9, abs=0.2)
+    assert (speech["clipped"], other["clipped"]) == (0, 1)
+    assert other["quietest_db"] == -100
+
+
+def test_a_corpus_and_its_files(tmp_path, corpus, capsys):
+    folder = tmp_path / "corpus"
+    save_corpus(corpus, folder)
+    phones = folder / "phones" / "a.parquet"
+    told = info(capsys, folder, folder / "corpus.toml", phones, folder / "tracks" / "a.parquet")
+    assert [each["content"] for each in told] == ["corpus", "corpus", "phones", "parameters"]
+    about = told[0]
+    assert (about["utterances"], about["duration"], about["rate"]) == (3, 3.0, 60.0)
+    assert [(s["split"], s["utterances"]) for s in about["splits"]] == [("test", 1), ("train", 2)]
+    assert about["speakers"] == [{"speaker": "s", "session": "", "utterances": 3}]
+    assert about["checks"][0] == "a: look"
+    assert {each["phone"]: each["count"] for each in told[2]["phones"]} == {"AA": 1, "sil": 1}
+    assert cli.main(["info", str(folder)]) == 0
+    assert "en-arpabet" in capsys.readouterr().out
+
+
+def test_a_model(tmp_path, corpus, capsys):
+    model = create("phone-mean")
+    model.fit(corpus)
+    model.save(tmp_path / "model.npz")
+    (told,) = info(capsys, tmp_path / "model.npz")
+    assert (told["content"], told["model"]) == ("model", "phone-mean")
+    assert told["parameters"] == ["jaw_rotation", "lip_rounding"]
+    assert told["parameter_count"] == model.parameter_count
+
+
+def test_what_is_none_of_these(tmp_path, capsys):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "a.wav").write_bytes(b"no sound")
+    (tmp_path / "a.TextGrid").write_bytes(b"no labels")
+    paths = [tmp_path / name for name in ("folder", "a.wav", "a.TextGrid", "none.wav")]
+    told = info(capsys, *paths, status=1)
+    assert [str(path) in each["error"] for path, each in zip(paths, told, strict=True)] == [
+        True
+    ] * 4

@@ -1,0 +1,168 @@
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from corpus_tools.cli import app as cli
+from corpus_tools.training.train import parsed, parts
+from mocap_fit import control
+from mocap_fit.corpus import Corpus, Utterance, open_corpus, save_corpus
+from mocap_fit.errors import ConfigurationError
+from mocap_fit.phones import PhoneSegment, PhoneSequence
+from mocap_fit.tracks import ParameterTracks
+
+TARGETS = {"SIL": (0.0, 0.1), "B": (0.0, 0.3), "AA": (0.8, 0.2), "UW": (0.3, 0.9), "S": (0.1, 0.2)}
+
+
+def utterance(i: int, split: str) -> Utterance:
+    """Targets at the centres of the phones, straight lines between, a little noise."""
+    rng = np.random.default_rng(i)
+    symbols = ["SIL", *rng.choice(["B", "AA", "UW", "S"], 8), "SIL"]
+    ends = np.cumsum(rng.uniform(0.06, 0.2, len(symbols)))
+    starts = np.concatenate([[0.0], ends[:-1]])
+    segments = [PhoneSegment(*row) for row in zip(starts, ends, symbols, strict=True)]
+    phones = PhoneSequence(tuple(segments), phone_set="en-arpabet", name=f"u{i:02d}")
+    times = np.arange(int(ends[-1] * 60)) / 60
+    centres = [s.centre for s in segments]
+    targets = np.array([TARGETS[s] for s in symbols])
+    values = np.stack([np.interp(times, centres, column) for column in targets.T], axis=1)
+    tracks = ParameterTracks(
+        ("jaw_rotation", "lip_rounding"),
+        60.0,
+        values + rng.normal(0, 0.01, values.shape),
+        name=phones.name,
+    )
+    return Utterance.of(tracks, phones, split=split, text=" ".join(symbols))
+
+
+@pytest.fixture(scope="module")
+def corpus_folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("corpora") / "small"
+    made = [utterance(i, "test" if i % 4 == 0 else "train") for i in range(24)]
+    save_corpus(Corpus.of(made, "en-arpabet"), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def models(corpus_folder, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("models")
+    for name in ("mean", "phone-mean"):
+        call = ["train", str(corpus_folder), "--model", name, "--out", str(folder / f"{name}.npz")]
+        assert cli.main(call) == 0
+    return folder
+
+
+def test_a_trained_model_is_there_and_beats_the_mean(corpus_folder, models, tmp_path, capsys):
+    files = [str(models / f"{name}.npz") for name in ("mean", "phone-mean")]
+    out = tmp_path / "scores"
+    status = cli.main(["evaluate", str(corpus_folder), *files, "--out", str(out), "--json"])
+    assert status == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["utterances"] == 6
+    table = pd.read_csv(out / "scores.csv").set_index(["model", "group", "parameter", "measure"])
+    mean, phone_mean = (control.load(file).title for file in files)
+    errors = {
+        m: table.loc[(m, "all", "average", "rmse_percent"), "value"] for m in report["models"]
+    }
+    assert errors[phone_mean] < 0.3 * errors[mean]
+    apart = pd.read_csv(out / "differences.csv").iloc[0]
+    assert apart["low"] < apart["value"] < apart["high"]
+    page = (out / "index.html").read_text()
+    assert page.count("<img") == page.count("data:image/png;base64")
+    assert phone_mean in page
+    for name in ("scores", "parameters", "trajectories"):
+        assert (out / f"{name}.png").stat().st_size > 5000
+        assert (out / f"{name}.svg").read_text().startswith("<?xml")
+
+
+def test_the_same_training_gives_the_same_bytes(corpus_folder, models, tmp_path):
+    out = tmp_path / "again.npz"
+    call = ["train", str(corpus_folder), "--model", "phone-mean", "--out", str(out)]
+    assert cli.main(call) == 0
+    assert out.read_bytes() == (models / "phone-mean.npz").read_bytes()
+    assert control.load(out).trained_on_["corpus"] == "small"
+
+
+def test_the_report_of_a_training_is_json(corpus_folder, tmp_path, capsys):
+    out = tmp_path / "m.npz"
+    call = ["train", str(corpus_folder), "--model", "phone-mean", "--out", str(out), "--json"]
+    assert cli.main(call) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["utterances"] + report["held_out_utterances"] == 18
+    assert report["free_parameters"] > 0
+
+
+def test_the_protocols_take_their_own_parts(corpus_folder):
+    corpus = open_corpus(corpus_folder)
+    training, held_out = parts(corpus, "clean")
+    assert {u.split for u in (*training, *held_out)} == {"train"}
+    assert not {u.id for u in training} & {u.id for u in held_out}
+    training, held_out = parts(corpus, "paper")
+    assert ({u.split for u in training}, {u.split for u in held_out}) == ({"train"}, {"test"})
+    assert (len(training), len(held_out)) == (18, 6)
+
+
+def test_settings_are_read_as_toml_or_text():
+    found = parsed(["stress=false", "hidden = [3, 4]", "kind=linear", "min-count=2.5"])
+    assert found == {"stress": False, "hidden": (3, 4), "kind": "linear", "min_count": 2.5}
+    with pytest.raises(ConfigurationError, match="KEY=VALUE"):
+        parsed(["stress"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["train", "nowhere", "--model", "mean", "--out", "m.npz"], "not a corpus"),
+        (["train", "{corpus}", "--model", "magic", "--out", "m.npz"], "no control model 'magic'"),
+        (
+            ["train", "{corpus}", "--model", "mean", "--out", "m.npz", "--set", "x=1"],
+            "no setting 'x'",
+        ),
+        (["train", "{corpus}", "--model", "mean", "--out", "."], "folder"),
+        (["evaluate", "{corpus}", "nothing.npz", "--out", "o"], "nothing.npz"),
+        (["evaluate", "{corpus}", "{corpus}/corpus.toml", "--out", "o"], "not a trained model"),
+        (["evaluate", "{corpus}", "{model}", "--out", "o", "--split", "dev"], "split 'dev'"),
+        (["evaluate", "{corpus}", "{model}", "--out", "o", "--utterance", "x"], "utterance 'x'"),
+        (["evaluate", "{corpus}", "{model}", "--out", "o", "--parameter", "x"], "parameter 'x'"),
+        (["evaluate", "{corpus}", "{model}", "{model}", "--out", "o"], "one name"),
+    ],
+)
+def test_bad_calls_are_refused_in_words(
+    corpus_folder, models, tmp_path, monkeypatch, capsys, arguments, words
+):
+    monkeypatch.chdir(tmp_path)
+    places = {"{corpus}": str(corpus_folder), "{model}": str(models / "mean.npz")}
+    for mark, place in places.items():
+        arguments = [argument.replace(mark, place) for argument in arguments]
+    assert cli.main(arguments) == 1
+    assert words in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_protocol_that_is_none_is_a_wrong_call(corpus_folder, tmp_path, capsys):
+    call = ["train", str(corpus_folder), "--model", "mean", "--out", str(tmp_path / "m")]
+    assert cli.main([*call, "--protocol", "mine"]) == 2
+    assert "is not one of clean" in capsys.readouterr().err
+
+
+def test_a_sweep_tells_the_error_of_every_look_ahead(corpus_folder, tmp_path, capsys):
+    out = tmp_path / "sweep"
+    call = ["train", str(corpus_folder), "--sweep-look-ahead", "--out", str(out), "--json"]
+    assert cli.main([*call, "--set", "epochs=2", "--set", "hidden_units=4"]) == 0
+    rows = json.loads(capsys.readouterr().out)["look_ahead"]
+    assert [row["frames"] for row in rows] == list(range(16))
+    table = pd.read_csv(out / "look_ahead.csv")
+    assert table["error"].tolist() == pytest.approx([row["error"] for row in rows], rel=1e-5)
+    assert {path.name for path in out.iterdir()} == {"look_ahead.csv", "look_ahead.png"}
+    assert cli.main([*call, "--model", "mean"]) == 2
+    assert cli.main(["train", str(corpus_folder), "--out", str(out)]) == 2
+
+
+def test_dominance_functions_are_drawn(corpus_folder, tmp_path):
+    model = tmp_path / "cm.model"
+    call = ["train", str(corpus_folder), "--model", "cohen-massaro", "--out", str(model)]
+    assert cli.main(call) == 0
+    out = tmp_path / "scores"
+    assert cli.main(["evaluate", str(corpus_folder), str(model), "--out", str(out)]) == 0
+    assert (out / "dominance_cohen_massaro.png").stat().st_size > 5000
