@@ -9,77 +9,17 @@ ones that say which parameters follow, and a line with the frame's number and th
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.atomic_file import whole_file
-from mocap_fit.errors import ConfigurationError
-from mocap_fit.face.mesh import Mesh
+from mocap_fit.face.fap import FAP_COUNT, FAPS, Fap, measure_fap_units
 from mocap_fit.face.rig import Rig, evaluate
 from mocap_fit.render.talking import parameters_at
 from mocap_fit.tracks import FloatArray, ParameterTracks
 
-COUNT = 68
 _UNIT = 1024.0
-_RIGHT, _LEFT, _DOWN, _UP, _FORWARD = (-1, 0), (1, 0), (-1, 1), (1, 1), (1, 2)
-
-
-@dataclass(frozen=True)
-class Fap:
-    """One facial animation parameter.
-
-    Parameters
-    ----------
-    number
-        From 1 to 68.
-    name
-        The standard's.
-    point
-        The feature point that it moves.
-    direction
-        Sign and axis in which it is positive.
-    unit
-        ``MNS``, mouth to nose, or ``MW``, width of the mouth.
-    """
-
-    number: int
-    name: str
-    point: str
-    direction: tuple[int, int]
-    unit: str = "MNS"
-
-
-# Those of the jaw and the lips: the rig moves nothing else.
-FAPS: tuple[Fap, ...] = (
-    Fap(3, "open_jaw", "2.1", _DOWN),
-    Fap(4, "lower_t_midlip", "2.2", _DOWN),
-    Fap(5, "raise_b_midlip", "2.3", _UP),
-    Fap(6, "stretch_l_cornerlip", "2.4", _LEFT, "MW"),
-    Fap(7, "stretch_r_cornerlip", "2.5", _RIGHT, "MW"),
-    Fap(8, "lower_t_lip_lm", "2.6", _DOWN),
-    Fap(9, "lower_t_lip_rm", "2.7", _DOWN),
-    Fap(10, "raise_b_lip_lm", "2.8", _UP),
-    Fap(11, "raise_b_lip_rm", "2.9", _UP),
-    Fap(12, "raise_l_cornerlip", "2.4", _UP),
-    Fap(13, "raise_r_cornerlip", "2.5", _UP),
-    Fap(14, "thrust_jaw", "2.1", _FORWARD),
-    Fap(15, "shift_jaw", "2.1", _RIGHT, "MW"),
-    Fap(16, "push_b_lip", "2.3", _FORWARD),
-    Fap(17, "push_t_lip", "2.2", _FORWARD),
-    Fap(18, "depress_chin", "2.10", _UP),
-    Fap(51, "lower_t_midlip_o", "8.1", _DOWN),
-    Fap(52, "raise_b_midlip_o", "8.2", _UP),
-    Fap(53, "stretch_l_cornerlip_o", "8.3", _LEFT, "MW"),
-    Fap(54, "stretch_r_cornerlip_o", "8.4", _RIGHT, "MW"),
-    Fap(55, "lower_t_lip_lm_o", "8.5", _DOWN),
-    Fap(56, "lower_t_lip_rm_o", "8.6", _DOWN),
-    Fap(57, "raise_b_lip_lm_o", "8.7", _UP),
-    Fap(58, "raise_b_lip_rm_o", "8.8", _UP),
-    Fap(59, "raise_l_cornerlip_o", "8.3", _UP),
-    Fap(60, "raise_r_cornerlip_o", "8.4", _UP),
-)
 
 
 def facial_animation_parameters(
@@ -111,7 +51,7 @@ def facial_animation_parameters(
         If the tracks do not belong to the face, or have no frames.
     """
     mesh = rig.mesh
-    units = _units(mesh)
+    units = measure_fap_units(mesh, ("MNS", "MW"))
     rate = tracks.rate if rate is None else rate
     frames = max(1, int(np.floor((tracks.frames - 1) * rate / tracks.rate + 1e-6)) + 1)
     times: FloatArray = tracks.start_time + np.arange(frames, dtype=np.float64) / rate
@@ -163,7 +103,7 @@ def write_fap(
     faps, values = facial_animation_parameters(tracks, rig, rate)
     rate = tracks.rate if rate is None else rate
     present = {fap.number for fap in faps}
-    mask = " ".join("1" if number in present else "0" for number in range(1, COUNT + 1))
+    mask = " ".join("1" if number in present else "0" for number in range(1, FAP_COUNT + 1))
     name = "_".join((tracks.name or "talk").split())
     lines = [f"2.1 {name} {rate:g} {len(values)}"]
     for number, row in enumerate(values.tolist()):
@@ -171,18 +111,3 @@ def write_fap(
     with whole_file(path) as partial:
         partial.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
     return len(values)
-
-
-def _units(mesh: Mesh) -> dict[str, float]:
-    needed = ("9.15", "2.2", "8.3", "8.4")
-    missing = [name for name in needed if name not in mesh.feature_points]
-    if missing:
-        raise ConfigurationError(
-            "facial animation parameters are measured in distances of the face, and it lacks "
-            "feature points for them",
-            found=f"no {', '.join(missing)}",
-            expected=", ".join(needed),
-            advice="Name them in the rig file.",
-        )
-    nose, lip, left, right = (mesh.vertices[mesh.feature_point(name)] for name in needed)
-    return {"MNS": float(nose[1] - lip[1]), "MW": float(left[0] - right[0])}

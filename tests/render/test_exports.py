@@ -7,7 +7,8 @@ import pytest
 
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, MissingExtraError
 from mocap_fit.face import load_face
-from mocap_fit.render.fap import FAPS, facial_animation_parameters, write_fap
+from mocap_fit.face.fap import FAPS
+from mocap_fit.render.fap import facial_animation_parameters, write_fap
 from mocap_fit.render.gltf import write_gltf
 from mocap_fit.render.shapes import blended_shapes
 from mocap_fit.tracks import ParameterTracks
