@@ -9,7 +9,7 @@ from typing import Any
 from corpus_tools.cli import console
 from corpus_tools.cli.console import Status
 from mocap_fit.errors import ConfigurationError, FileFormatError, MocapFitError
-from mocap_fit.labels import labels_of, write_labels
+from mocap_fit.labels import to_labels, write_labels
 from mocap_fit.labels.text import label_text
 
 _BESIDE = (".txt", ".lab")
@@ -154,7 +154,7 @@ def run(
                 failed.append({"utterance": wav.stem, "error": str(error)})
             else:
                 file = out / f"{wav.stem}.TextGrid"
-                write_labels(labels_of(phones), file)
+                write_labels(to_labels(phones), file)
                 aligned.append(
                     {
                         "utterance": wav.stem,

@@ -418,7 +418,7 @@ def _markers(look: Look, tracks: ParameterTracks | None) -> MarkerTracks:
 
 def _keep(said: _Said, folder: Path) -> None:
     """Write what was synthesised: for Blender, for `export`, or to look at."""
-    from mocap_fit.labels import labels_of, write_labels
+    from mocap_fit.labels import to_labels, write_labels
     from mocap_fit.sound import write_sound
     from mocap_fit.tracks import write_parquet
 
@@ -427,7 +427,7 @@ def _keep(said: _Said, folder: Path) -> None:
         name = "".join(c if c.isalnum() else "-" for c in label.casefold()).strip("-")
         write_parquet(head.replace(name=name), folder / f"{name}.parquet")
     if said.phones is not None:
-        write_labels(labels_of(said.phones), folder / "phones.TextGrid")
+        write_labels(to_labels(said.phones), folder / "phones.TextGrid")
     if said.sound is not None:
         write_sound(said.sound, folder / "sound.wav")
 

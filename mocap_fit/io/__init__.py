@@ -11,6 +11,7 @@ from mocap_fit.io.readers import (
     read_poses,
     read_tracks,
 )
+from mocap_fit.io.samples import load_sample
 from mocap_fit.io.stretches import read_stretches, reads_in_stretches
 
 __all__ = [
@@ -19,6 +20,7 @@ __all__ = [
     "Tracks",
     "describe",
     "find_reader",
+    "load_sample",
     "read",
     "read_poses",
     "read_stretches",

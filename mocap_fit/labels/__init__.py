@@ -1,6 +1,6 @@
 """Labels of recordings: tiers of labelled times, one module a format, found through a registry."""
 
-from mocap_fit.labels.phone_labels import labels_of, phones_of, read_phones
+from mocap_fit.labels.phone_labels import read_phones, to_labels, to_phones
 from mocap_fit.labels.readers import (
     LABEL_READERS,
     Label,
@@ -33,11 +33,11 @@ __all__ = [
     "find_phone_tier",
     "find_word_tier",
     "label_faults",
-    "labels_of",
-    "phones_of",
     "read_all_labels",
     "read_labels",
     "read_phones",
     "retime",
+    "to_labels",
+    "to_phones",
     "write_labels",
 ]

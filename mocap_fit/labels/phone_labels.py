@@ -85,7 +85,7 @@ def read_phones(
     """
     labels = read_labels(path, name, reader=reader, rate=rate)
     try:
-        return phones_of(labels, tier, words, phone_set, table=table)
+        return to_phones(labels, tier, words, phone_set, table=table)
     except DataError as error:
         if error.path is not None:
             raise
@@ -98,7 +98,7 @@ def read_phones(
         ) from None
 
 
-def phones_of(
+def to_phones(
     labels: Labels,
     tier: str | None = None,
     words: str | None = None,
@@ -196,27 +196,42 @@ def _fault_error(faults: list[LabelFault], labels: Labels) -> DataError:
     )
 
 
-def labels_of(sequence: PhoneSequence, end: float | None = None) -> Labels:
-    """Labels with a tier of words and one of phones, both without gaps, to be written.
+def to_labels(
+    phones: PhoneSequence, end: float | None = None, phone_set: PhoneSet | None = None
+) -> Labels:
+    """Convert phones to labels with a tier of words and a tier of phones, ready to be written.
+
+    Both tiers are interval tiers without gaps: unlabelled time becomes empty labels.
 
     Parameters
     ----------
-    sequence
-        Phones; stress is written behind the phone (``AA1``).
+    phones
+        Phones of an utterance.
     end
-        What the labels cover, seconds; to the last phone where not given.
+        End of the labels, seconds; that of the last phone where not given or earlier.
+    phone_set
+        Set whose symbols, with their marks of stress, are written. Without it a stress is a digit
+        behind the phone (``AA1``).
+
+    Returns
+    -------
+    Labels
+        The labels, with the name of the utterance.
     """
-    phones, words = [], []
-    for segment in sequence:
-        stress = "" if segment.stress is None else str(segment.stress)
-        phones.append(Label(segment.start, segment.end, segment.phone + stress))
-    for word, group in itertools.groupby(sequence, key=lambda segment: segment.word):
+    segments, words = [], []
+    for segment in phones:
+        if phone_set is not None:
+            symbol = phone_set.symbol(segment)
+        else:
+            symbol = segment.phone + ("" if segment.stress is None else str(segment.stress))
+        segments.append(Label(segment.start, segment.end, symbol))
+    for word, group in itertools.groupby(phones, key=lambda segment: segment.word):
         inside = list(group)
         if word:
             words.append(Label(inside[0].start, inside[-1].end, word))
-    last = max((segment.end for segment in sequence), default=0.0)
-    start = min(0.0, *(segment.start for segment in sequence)) if len(sequence) else 0.0
-    tiers = (Tier("words", tuple(words)), Tier("phones", tuple(phones)))
+    last = max((segment.end for segment in phones), default=0.0)
+    start = min(0.0, *(segment.start for segment in phones)) if len(phones) else 0.0
+    tiers = (Tier("words", tuple(words)), Tier("phones", tuple(segments)))
     return fill_gaps(
-        Labels(tiers, start, last if end is None else max(end, last), name=sequence.name)
+        Labels(tiers, start, last if end is None else max(end, last), name=phones.name)
     )

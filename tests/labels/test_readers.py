@@ -16,11 +16,11 @@ from mocap_fit.labels import (
     find_phone_tier,
     find_word_tier,
     label_faults,
-    labels_of,
-    phones_of,
     read_labels,
     read_phones,
     retime,
+    to_labels,
+    to_phones,
     write_labels,
 )
 from mocap_fit.phones import PhoneSegment, PhoneSequence, load_phone_set
@@ -56,13 +56,13 @@ def test_the_tier_of_phones_is_found_by_content():
     with pytest.raises(DataError, match=r"no tier of 'take' holds phones.*'notes'"):
         find_phone_tier(labels(notes, WORDS))
     with pytest.raises(DataError, match=r"no tier 'phon'.*words, x"):
-        phones_of(labels(WORDS, PHONES), "phon")
+        to_phones(labels(WORDS, PHONES), "phon")
 
 
 def test_phones_have_their_words_stress_and_silence():
-    plain = phones_of(labels(WORDS, PHONES))
+    plain = to_phones(labels(WORDS, PHONES))
     assert [(s.phone, s.word) for s in plain] == [("AA1", "ab"), ("B", "ab"), ("K", "c")]
-    read = phones_of(labels(WORDS, PHONES), phone_set="en-arpabet")
+    read = to_phones(labels(WORDS, PHONES), phone_set="en-arpabet")
     assert [(s.phone, s.stress, s.word) for s in read] == [
         ("sil", None, ""),
         ("AA", 1, "ab"),
@@ -72,8 +72,8 @@ def test_phones_have_their_words_stress_and_silence():
     assert read.phone_set == "en-arpabet"
     odd = labels(tier("phones", (0, 1, "QQ")))
     with pytest.raises(DataError, match="'QQ'"):
-        phones_of(odd, phone_set="en-arpabet")
-    assert phones_of(odd, phone_set="en-arpabet", table={"QQ": "K"}).phones == ("K",)
+        to_phones(odd, phone_set="en-arpabet")
+    assert to_phones(odd, phone_set="en-arpabet", table={"QQ": "K"}).phones == ("K",)
 
 
 def test_a_table_gives_stress_and_words(tmp_path):
@@ -113,16 +113,16 @@ def test_all_faults_are_listed():
     points = tier("tones", (0.5, 0.5, "H"), (0.2, 0.2, "L"), (3, 3, "x"), kind="point")
     assert [f.kind for f in label_faults(labels(points))] == ["order", "outside"]
     with pytest.raises(DataError, match=r"4 labels of 'take' have .* times: overlap at 0\.4"):
-        phones_of(labels(bad))
+        to_phones(labels(bad))
 
 
 def test_tiny_overlaps_are_mended_and_larger_ones_refused():
     tiny = labels(tier("phones", (0, 0.5003, "a"), (0.5, 1, "b")))
     with pytest.warns(MocapFitWarning, match="overlap by less than 0.5 ms"):
-        mended = phones_of(tiny)
+        mended = to_phones(tiny)
     assert mended.ends.tolist() == [0.5, 1.0]
     with pytest.raises(DataError, match=r"overlap at 0\.5000 to 0\.5010 s \('b'"):
-        phones_of(labels(tier("phones", (0, 0.501, "a"), (0.5, 1, "b"))))
+        to_phones(labels(tier("phones", (0, 0.501, "a"), (0.5, 1, "b"))))
 
 
 def sequence():
@@ -136,7 +136,7 @@ def sequence():
 
 @pytest.mark.parametrize("name", ["take.TextGrid", "take.lab", "take.csv"])
 def test_phones_are_written_and_read_again(tmp_path, name):
-    write_labels(labels_of(sequence(), end=1.5), tmp_path / name)
+    write_labels(to_labels(sequence(), end=1.5), tmp_path / name)
     again = read_phones(tmp_path / name, phone_set="en-arpabet")
     spoken = [s for s in again if s.phone != "sil"]
     assert spoken == list(sequence())

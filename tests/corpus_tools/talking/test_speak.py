@@ -11,7 +11,7 @@ from corpus_tools.cli import app as cli
 from corpus_tools.talking import speak, speak_models, stream
 from mocap_fit.control.rule_based import RuleBased
 from mocap_fit.errors import FileFormatError
-from mocap_fit.labels import labels_of, write_labels
+from mocap_fit.labels import to_labels, write_labels
 from mocap_fit.phones import PhoneSegment, PhoneSequence
 from mocap_fit.sound import Sound, write_sound
 from mocap_fit.tracks import MarkerTracks, ParameterTracks, read_parquet, write_parquet
@@ -49,7 +49,7 @@ def one_line(capsys) -> str:
 def labels(tmp_path):
     segments = [(0.0, 0.2, "sil"), (0.2, 0.3, "B"), (0.3, 0.6, "AA1"), (0.6, 0.8, "sil")]
     phones = PhoneSequence(tuple(PhoneSegment(*segment) for segment in segments), name="said")
-    write_labels(labels_of(phones), tmp_path / "said.TextGrid")
+    write_labels(to_labels(phones), tmp_path / "said.TextGrid")
     write_sound(Sound(np.zeros(16000), 16000), tmp_path / "said.wav")
     return tmp_path / "said.TextGrid"
 
