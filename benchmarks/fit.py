@@ -40,7 +40,7 @@ from scipy.optimize import least_squares, minimize
 
 from corpus_tools.simulation import Conditions, Session, gesture
 from mocap_fit.face import Mesh, Part, load_face
-from mocap_fit.face.builtin import built_in_head
+from mocap_fit.face.builtin import load_built_in_head
 from mocap_fit.face.rig import CompiledRig, Kind
 from mocap_fit.fitting import Binding, Orientation, bind_markers, fit_shape, load_layout
 from mocap_fit.fitting.compiled_solver import CompiledSolver
@@ -490,7 +490,7 @@ def draw(path: Path, frames: int) -> None:
     from matplotlib import pyplot
 
     problem = make_problem(frames)
-    binding, head = problem.binding, built_in_head()
+    binding, head = problem.binding, load_built_in_head()
     sizes = [head, subdivided(head)]
     panels: dict[str, list[tuple[int, Problem]]] = {
         "frames": [(n, make_problem(n, binding)) for n in (10, 30, 100, 300, 1000, 3000)],

@@ -10,7 +10,7 @@ from corpus_tools.conversion.fit import Options, Speaker
 from corpus_tools.demo.comparison import Accuracy, FittedRecording, accuracy
 from corpus_tools.simulation import OTHER_SPEAKER, Conditions, Session
 from mocap_fit.face import Rig, load_face
-from mocap_fit.face.builtin import built_in_head, reshape_head
+from mocap_fit.face.builtin import load_built_in_head, reshape_head
 from mocap_fit.fitting import bind_markers, fit_orientation, fit_shape, load_layout
 from mocap_fit.head import restore_head_motion
 
@@ -118,7 +118,7 @@ def test_error_is_near_its_bound(noise, objective, factor, pose_given) -> None:
 @pytest.mark.parametrize("proportions", SPEAKERS.values(), ids=SPEAKERS.keys())
 @pytest.mark.parametrize("objective", ["squares", "distances"])
 def test_a_head_of_other_proportions(objective, proportions) -> None:
-    wearer = load_face(mesh=reshape_head(built_in_head(), **proportions))
+    wearer = load_face(mesh=reshape_head(load_built_in_head(), **proportions))
     result = measure(0.1, objective, pose_given=False, wearer=wearer)
     show(f"speaker {proportions}, {objective}", result)
     assert (result.correlations > 0.95).all()

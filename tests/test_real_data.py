@@ -66,7 +66,7 @@ def test_lips_close_and_follow(fitted: dict, data_folder: Path) -> None:
     folder = data_folder / "grid_s1"
     face = load_face()
     scale = fitted["report"]["scale"]
-    lips = [face.mesh.feature_point("2.2"), face.mesh.feature_point("2.3")]
+    lips = [face.mesh.get_feature_point("2.2"), face.mesh.get_feature_point("2.3")]
     compiled = face.compile(np.array(lips))
     from mocap_fit.face.rig import evaluate
 

@@ -13,7 +13,7 @@ import numpy as np
 from corpus_tools.cli import console
 from mocap_fit._version import __version__
 from mocap_fit.errors import ConfigurationError, DataError
-from mocap_fit.face import load_face, parameters_from
+from mocap_fit.face import load_face, to_parameters
 from mocap_fit.fitting import (
     Binding,
     Layout,
@@ -82,7 +82,7 @@ class Speaker:
                 advice="Choose the layout that it was recorded with, or correct the names.",
             )
         try:
-            parameters_from(markers.reference_parameters, rig.parameter_names)
+            to_parameters(markers.reference_parameters, rig.parameter_names)
         except DataError as error:
             raise console.located(error, layout) from None
         try:

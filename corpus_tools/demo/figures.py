@@ -241,7 +241,7 @@ def face_figure(recording: FittedRecording, binding: Binding, frames: Sequence[i
         gridspec_kw={"wspace": 0.0, "hspace": 0.0},
     )
     for row, view in enumerate(("front", "three-quarter")):
-        centre = mesh.vertices[mesh.feature_point("9.3")] * (0.15, 1.0, 0.3) - (0.0, 22.0, 0.0)
+        centre = mesh.vertices[mesh.get_feature_point("9.3")] * (0.15, 1.0, 0.3) - (0.0, 22.0, 0.0)
         with FaceScene(mesh, view=view, size=size, zoom=1.75, centre=centre) as scene:  # type: ignore[arg-type]
             for column, frame in enumerate(frames):
                 values = recording.fit.parameters.values[frame]
@@ -250,7 +250,7 @@ def face_figure(recording: FittedRecording, binding: Binding, frames: Sequence[i
                 # The far side of the head hides its markers.
                 towards = scene.camera_position - virtual
                 towards /= np.linalg.norm(towards, axis=1, keepdims=True)
-                seen = np.sum(towards * mesh.normals(vertices)[corners], axis=1) > 0.12
+                seen = np.sum(towards * mesh.compute_normals(vertices)[corners], axis=1) > 0.12
                 measured = np.where(seen[:, None], places[frame, columns], np.nan)
                 virtual = np.where(seen[:, None], virtual, np.nan)
                 axis: Axes = axes[row, column]

@@ -48,7 +48,7 @@ def lip_distances(face: Rig, values: FloatArray) -> FloatArray:
     values
         `(frames, parameters)`.
     """
-    points = np.array([face.mesh.feature_point("2.2"), face.mesh.feature_point("2.3")])
+    points = np.array([face.mesh.get_feature_point("2.2"), face.mesh.get_feature_point("2.3")])
     compiled: CompiledRig | None = face.compile(points)
     found = np.empty(len(values))
     for frame, parameters in enumerate(values):

@@ -252,10 +252,10 @@ def marker_places(layout: Layout, mesh: Mesh) -> dict[str, FloatArray]:
     mesh
         The built-in head, or a `reshape_head` of it.
     """
-    from mocap_fit.face.builtin import built_in_head
+    from mocap_fit.face.builtin import load_built_in_head
 
-    standard = built_in_head()
-    normals = mesh.normals()
+    standard = load_built_in_head()
+    normals = mesh.compute_normals()
     places = {}
     for marker in layout.markers:
         if marker.role == "head" and marker.position is not None:
@@ -263,14 +263,14 @@ def marker_places(layout: Layout, mesh: Mesh) -> dict[str, FloatArray]:
             continue
         if marker.position is not None:
             members = (
-                np.unique(np.concatenate([mesh.region(r) for r in marker.region]))
+                np.unique(np.concatenate([mesh.get_region(r) for r in marker.region]))
                 if marker.region
-                else mesh.region("skin")
+                else mesh.get_region("skin")
             )
             apart = np.linalg.norm(standard.vertices[members] - marker.position, axis=1)
             vertex = int(members[np.argmin(apart)])
         elif marker.feature_point is not None:
-            vertex = mesh.feature_point(marker.feature_point)
+            vertex = mesh.get_feature_point(marker.feature_point)
         else:
             raise ConfigurationError(
                 f"the layout does not say where the marker '{marker.name}' is",

@@ -281,7 +281,7 @@ def _labels(phones: PhoneSequence, phone_set: PhoneSet, end: float) -> Labels:
 def _session(
     out: Path, layout: str, conditions: Conditions, head: dict[str, float] | None
 ) -> Session:
-    from mocap_fit.face.builtin import built_in_head, reshape_head
+    from mocap_fit.face.builtin import load_built_in_head, reshape_head
 
     if out.is_dir() and any(out.iterdir()):
         raise ConfigurationError(
@@ -291,7 +291,7 @@ def _session(
         )
     face = load_face()
     if head:
-        face = load_face(mesh=reshape_head(built_in_head(), **head))
+        face = load_face(mesh=reshape_head(load_built_in_head(), **head))
     try:
         return Session(load_layout(layout), face, conditions)
     except MocapFitError as error:

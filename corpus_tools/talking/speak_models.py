@@ -23,7 +23,7 @@ from mocap_fit._version import __version__
 from mocap_fit.control import CONTROL_MODELS, ControlModel
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.errors import ConfigurationError, FileFormatError
-from mocap_fit.face.builtin.cache import cache_folder
+from mocap_fit.face.builtin.cache import get_cache_folder
 from mocap_fit.phones import PhoneSet
 from mocap_fit.tracks import ParameterTracks
 
@@ -94,7 +94,7 @@ def simulated_corpus(
 
 def folder() -> Path:
     """Where trained models are kept."""
-    return cache_folder() / "models"
+    return get_cache_folder() / "models"
 
 
 def cached_file(name: str, language: str, utterances: int = UTTERANCES) -> Path:

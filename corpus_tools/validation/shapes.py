@@ -271,10 +271,10 @@ def expected_places(layout: Layout, names: Sequence[str]) -> FloatArray:
     names
         The markers, in order.
     """
-    from mocap_fit.face.builtin import built_in_head
+    from mocap_fit.face.builtin import load_built_in_head
 
-    head = built_in_head()
-    normals = head.normals()
+    head = load_built_in_head()
+    normals = head.compute_normals()
     places = np.full((len(names), 3), np.nan)
     for marker in layout.markers:
         if marker.name not in names:
@@ -284,7 +284,7 @@ def expected_places(layout: Layout, names: Sequence[str]) -> FloatArray:
             places[row] = marker.position
         elif marker.feature_point is not None:
             try:
-                vertex = head.feature_point(marker.feature_point)
+                vertex = head.get_feature_point(marker.feature_point)
             except ConfigurationError:
                 continue
             places[row] = head.vertices[vertex] + layout.marker_offset * normals[vertex]

@@ -24,7 +24,7 @@ from corpus_tools.validation.sounds import (
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.face import Rig
-from mocap_fit.face.lips import lip_gap
+from mocap_fit.face.lips import compute_lip_gap
 from mocap_fit.fitting import Layout
 from mocap_fit.labels import Tier
 from mocap_fit.phones import PhoneSet
@@ -355,7 +355,7 @@ def _lips(
 ) -> tuple[list[Closure], tuple[float, float] | None, tuple[float, float] | None]:
     """Closures, how far the lips open, and where the sound says that the first frame is."""
     try:
-        gaps = lip_gap(rig, tracks.values)
+        gaps = compute_lip_gap(rig, tracks.values)
     except (ConfigurationError, DataError):
         # A mesh of one's own may not say where its lips are.
         return [], None, None

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_fit.face import Rig, lip_gap
+from mocap_fit.face import Rig, compute_lip_gap
 from mocap_fit.phones import PhoneSequence, PhoneSet
 from mocap_fit.tracks import FloatArray
 
@@ -69,7 +69,7 @@ def segment_gaps(
         kinds.append(1 if bilabial else 2 if is_open else 0)
     wanted = np.array([*kinds, 0])[at] > 0
     gaps = np.full(len(times), np.nan)
-    gaps[wanted] = lip_gap(rig, values[wanted])
+    gaps[wanted] = compute_lip_gap(rig, values[wanted])
     found: dict[int, list[float]] = {1: [], 2: []}
     for i, kind in enumerate(kinds):
         own = gaps[at == i] if kind else gaps[:0]

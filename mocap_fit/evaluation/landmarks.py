@@ -208,7 +208,7 @@ class _Mouth:
         chosen = [self._chosen(pairs) for pairs in (_LIPS, _CORNERS, _CHIN, _OUTER_LIPS)]
         self._points = tuple(dict.fromkeys(point for pair in chosen for point in pair))
         self._columns = [[self._points.index(point) for point in pair] for pair in chosen]
-        self._vertices = np.array([rig.mesh.feature_point(point) for point in self._points])
+        self._vertices = np.array([rig.mesh.get_feature_point(point) for point in self._points])
 
     def _chosen(self, choices: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
         for points in choices:
@@ -224,7 +224,7 @@ class _Mouth:
     ) -> dict[tuple[str, str], FloatArray]:
         """Rotation from each session's axes to those of the face, `(3, 3)`."""
         names = list(self._markers.values())
-        vertices = [self._rig.mesh.feature_point(point) for point in self._markers]
+        vertices = [self._rig.mesh.get_feature_point(point) for point in self._markers]
         goals = self._rig.mesh.vertices[vertices]
         found: dict[tuple[str, str], FloatArray] = {}
         for utterance in corpus:

@@ -1,9 +1,9 @@
 """The face: meshes, rigs, and the built-in head."""
 
-from mocap_fit.face.lips import lip_gap
+from mocap_fit.face.lips import compute_lip_gap
 from mocap_fit.face.load import load_face
 from mocap_fit.face.mesh import Material, Mesh, Part
-from mocap_fit.face.rig import RIGS, CompiledRig, Rig, parameters_from
+from mocap_fit.face.rig import RIGS, CompiledRig, Rig, to_parameters
 
 __all__ = [
     "RIGS",
@@ -12,7 +12,7 @@ __all__ = [
     "Mesh",
     "Part",
     "Rig",
-    "lip_gap",
+    "compute_lip_gap",
     "load_face",
-    "parameters_from",
+    "to_parameters",
 ]

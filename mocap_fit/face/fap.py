@@ -116,6 +116,6 @@ def measure_fap_units(mesh: Mesh, units: Sequence[str] = tuple(FAP_UNITS)) -> di
     lengths = {}
     for unit in units:
         first, second, axis = FAP_UNITS[unit]
-        ends = [mesh.vertices[mesh.feature_point(name), axis] for name in (first, second)]
+        ends = [mesh.vertices[mesh.get_feature_point(name), axis] for name in (first, second)]
         lengths[unit] = float(ends[0] - ends[1])
     return lengths

@@ -14,7 +14,7 @@ from mocap_fit.tracks import FloatArray
 UPPER_LIP, LOWER_LIP = "2.2", "2.3"
 
 
-def lip_gap(rig: Rig, values: ArrayLike) -> FloatArray:
+def compute_lip_gap(rig: Rig, values: ArrayLike) -> FloatArray:
     """How far the inner lips are apart in the middle, frame by frame.
 
     Parameters
@@ -43,7 +43,7 @@ def lip_gap(rig: Rig, values: ArrayLike) -> FloatArray:
             found=frames.shape,
             expected=f"(frames, {len(names)}): {', '.join(names)}",
         )
-    lips: IndexArray = np.array([rig.mesh.feature_point(p) for p in (UPPER_LIP, LOWER_LIP)])
+    lips: IndexArray = np.array([rig.mesh.get_feature_point(p) for p in (UPPER_LIP, LOWER_LIP)])
     compiled = rig.compile(lips)
     gaps = np.full(len(frames), np.nan)
     for i in np.flatnonzero(np.isfinite(frames).all(axis=1)):

@@ -8,7 +8,7 @@ from typing import Any
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
 from mocap_fit.face.mesh import Mesh
 from mocap_fit.face.rig import RIGS, Rig
-from mocap_fit.face.rig_file import RigFile, at_place, read_rig_file
+from mocap_fit.face.rig_file import RigFile, add_location, read_rig_file
 
 BUILT_IN = "built-in"
 
@@ -48,7 +48,7 @@ def load_face(face: str | Path = BUILT_IN, *, mesh: Mesh | None = None) -> Rig:
 
 
 def _rig_class(rig_file: RigFile) -> Any:
-    with at_place("kind"):
+    with add_location("kind"):
         if rig_file.kind not in RIGS.names():
             raise ConfigurationError(
                 f"there is no rig '{rig_file.kind}'",
@@ -60,9 +60,9 @@ def _rig_class(rig_file: RigFile) -> Any:
 
 def _mesh(rig_file: RigFile, folder: Path) -> Mesh:
     if rig_file.mesh is None:
-        from mocap_fit.face.builtin import built_in_head
+        from mocap_fit.face.builtin import load_built_in_head
 
-        return built_in_head()
+        return load_built_in_head()
     from mocap_fit.face.import_mesh import read_mesh
 
     try:

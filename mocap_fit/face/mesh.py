@@ -152,7 +152,7 @@ class Mesh:
             colours.setflags(write=False)
             object.__setattr__(self, "colours", colours)
 
-    def part(self, name: str) -> Part:
+    def get_part(self, name: str) -> Part:
         """The part of that name."""
         for part in self.parts:
             if part.name == name:
@@ -162,7 +162,7 @@ class Mesh:
             expected=f"one of {', '.join(part.name for part in self.parts)}",
         )
 
-    def region(self, name: str) -> IndexArray:
+    def get_region(self, name: str) -> IndexArray:
         """Vertex indices of the region, or of the part, of that name."""
         if name in self.regions:
             return self.regions[name]
@@ -178,7 +178,7 @@ class Mesh:
         """Whether there is a region or a part of that name."""
         return name in self.regions or any(part.name == name for part in self.parts)
 
-    def feature_point(self, name: str) -> int:
+    def get_feature_point(self, name: str) -> int:
         """Vertex index of an MPEG-4 feature point."""
         try:
             return self.feature_points[name]
@@ -188,7 +188,7 @@ class Mesh:
                 expected=f"one of {', '.join(self.feature_points) or 'none'}",
             ) from None
 
-    def normals(self, vertices: FloatArray | None = None) -> FloatArray:
+    def compute_normals(self, vertices: FloatArray | None = None) -> FloatArray:
         """Unit normals at the vertices, `(vertices, 3)`, weighted by the triangles' areas.
 
         Parameters
@@ -211,6 +211,6 @@ class Mesh:
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         return np.asarray(normals / np.maximum(lengths, 1e-12))
 
-    def with_vertices(self, vertices: FloatArray) -> Mesh:
+    def replace_vertices(self, vertices: FloatArray) -> Mesh:
         """The same mesh in another shape."""
         return replace(self, vertices=vertices)

@@ -18,11 +18,11 @@ from mocap_fit.face.mesh import IndexArray, Mesh
 from mocap_fit.face.rig import (
     CompiledRig,
     Kind,
-    checked_parameters,
+    check_parameters,
     evaluate,
     evaluate_jacobian,
 )
-from mocap_fit.face.rig_file import at_place
+from mocap_fit.face.rig_file import add_location
 from mocap_fit.face.weights import BendingEnergy, falloff
 from mocap_fit.tracks import FloatArray
 
@@ -88,7 +88,7 @@ class ParkeRig:
                 centres[i] = transform.centre.on(mesh, scales, places)
             shares[i] = weights[transform.weight]
             if not shares[i].any() or not vectors[i].any():
-                with at_place(f"transforms.{i}"):
+                with add_location(f"transforms.{i}"):
                     raise ConfigurationError(
                         f"it moves nothing, though '{transform.parameter}' drives it",
                         advice=f"Check its amount, and the weight '{transform.weight}'.",
@@ -109,11 +109,11 @@ class ParkeRig:
 
     def deform(self, parameters: ArrayLike) -> FloatArray:
         """Vertices, `(vertices, 3)` in millimetres, for `(parameters,)` values."""
-        return evaluate(self._compiled, checked_parameters(parameters, self.parameter_names))
+        return evaluate(self._compiled, check_parameters(parameters, self.parameter_names))
 
     def jacobian(self, parameters: ArrayLike) -> FloatArray:
         """Derivative of `deform`, `(vertices, 3, parameters)`, millimetres per unit."""
-        values = checked_parameters(parameters, self.parameter_names)
+        values = check_parameters(parameters, self.parameter_names)
         return evaluate_jacobian(self._compiled, values)[1]
 
     def compile(self, vertex_ids: IndexArray) -> CompiledRig:
@@ -137,18 +137,18 @@ def _weights(
     weights: dict[str, FloatArray] = {}
     bending: dict[str, BendingEnergy] = {}
     for name, weight in rig_file.weights.items():
-        with at_place(f"weights.{name}"):
+        with add_location(f"weights.{name}"):
             share = _own_weight(weight, mesh, scales, places, bending)
         for other, inverted in weight.factors():
             share = share * (1.0 - weights[other] if inverted else weights[other])
         for part, value in weight.parts.items():
             if mesh.has_region(part):
-                share[mesh.region(part)] = value
+                share[mesh.get_region(part)] = value
         weights[name] = share
     for follower, leader in rig_file.follow.items():
         if not mesh.has_region(follower):
             continue
-        followers, leaders = mesh.region(follower), mesh.region(leader)
+        followers, leaders = mesh.get_region(follower), mesh.get_region(leader)
         _, nearest = cKDTree(mesh.vertices[leaders]).query(mesh.vertices[followers])
         for share in weights.values():
             share[followers] = share[leaders[nearest]]
@@ -163,7 +163,7 @@ def _own_weight(
     bending: dict[str, BendingEnergy],
 ) -> FloatArray:
     """The weight of its own part alone: other parts are given theirs, or follow."""
-    part = mesh.part(weight.on)
+    part = mesh.get_part(weight.on)
     vertices = slice(part.vertices.start, part.vertices.stop)
     share = np.zeros(len(mesh.vertices))
     if weight.centre is not None and weight.radii is not None:

@@ -119,7 +119,7 @@ class Rig(Protocol):
         ...
 
 
-def checked_parameters(values: ArrayLike, names: tuple[str, ...]) -> FloatArray:
+def check_parameters(values: ArrayLike, names: tuple[str, ...]) -> FloatArray:
     """Parameters as `(parameters,)` float64.
 
     Raises
@@ -142,7 +142,7 @@ def checked_parameters(values: ArrayLike, names: tuple[str, ...]) -> FloatArray:
     return array
 
 
-def parameters_from(values: Mapping[str, float], names: tuple[str, ...]) -> FloatArray:
+def to_parameters(values: Mapping[str, float], names: tuple[str, ...]) -> FloatArray:
     """`(parameters,)` from values by name; those not named are 0.
 
     Raises
@@ -156,7 +156,7 @@ def parameters_from(values: Mapping[str, float], names: tuple[str, ...]) -> Floa
             f"there is no face parameter {', '.join(unknown)}",
             expected=f"some of {', '.join(names)}",
         )
-    return checked_parameters([float(values.get(name, 0.0)) for name in names], names)
+    return check_parameters([float(values.get(name, 0.0)) for name in names], names)
 
 
 def evaluate(compiled: CompiledRig, parameters: FloatArray) -> FloatArray:

@@ -188,7 +188,9 @@ class RigFile(Strictly):
         known = "9.15" in mesh.feature_points and "2.1" in mesh.feature_points
         if self.lower_face_height is None or not known:
             return np.full(3, across)
-        nose, chin = (float(mesh.vertices[mesh.feature_point(name), 1]) for name in ("9.15", "2.1"))
+        nose, chin = (
+            float(mesh.vertices[mesh.get_feature_point(name), 1]) for name in ("9.15", "2.1")
+        )
         up = (nose - chin) / self.lower_face_height
         if not up > _FLATTEST * across:
             raise ConfigurationError(
@@ -200,7 +202,7 @@ class RigFile(Strictly):
         return np.array([across, up, (across + up) / 2])
 
     def _mouth_width_on(self, mesh: Mesh) -> float:
-        left, right = (mesh.vertices[mesh.feature_point(name)] for name in ("8.3", "8.4"))
+        left, right = (mesh.vertices[mesh.get_feature_point(name)] for name in ("8.3", "8.4"))
         width = float(np.linalg.norm(left - right))
         if not 1.0 < width < 1000.0:
             raise ConfigurationError(
@@ -300,7 +302,7 @@ class RigFile(Strictly):
         points = dict(mesh.feature_points)
         extent = float(np.ptp(mesh.vertices, axis=0).max())
         for name, where in self.feature_points.items():
-            with at_place(f"feature_points.{name}"):
+            with add_location(f"feature_points.{name}"):
                 if isinstance(where, int):
                     check_vertex(where, mesh)
                     points[name] = where
@@ -316,7 +318,7 @@ class RigFile(Strictly):
         regions = dict(mesh.regions)
         bare = Mesh(mesh.vertices, mesh.triangles, parts, regions, points, mesh.colours)
         for name, region in self.regions.items():
-            with at_place(f"regions.{name}"):
+            with add_location(f"regions.{name}"):
                 regions[name] = region.members(bare)
                 if regions[name].size == 0:
                     raise ConfigurationError("the region holds no vertex")
@@ -324,8 +326,8 @@ class RigFile(Strictly):
 
     def _named_parts(self, mesh: Mesh) -> tuple[Part, ...]:
         for name, theirs in self.parts.items():
-            with at_place(f"parts.{name}"):
-                mesh.part(theirs)
+            with add_location(f"parts.{name}"):
+                mesh.get_part(theirs)
         new_names = {theirs: name for name, theirs in self.parts.items()}
         if len(mesh.parts) == 1 and not self.parts:
             new_names = {mesh.parts[0].name: "skin"}
@@ -336,7 +338,7 @@ class RigFile(Strictly):
 
 
 @contextmanager
-def at_place(place: str) -> Iterator[None]:
+def add_location(place: str) -> Iterator[None]:
     """Say in errors where in the rig file the fault is."""
     try:
         yield
@@ -363,12 +365,12 @@ def read_rig_file(path: str | Path) -> RigFile:
     rig_file = _validated(content, name)
     if rig_file.extends is None:
         return rig_file
-    if rig_file.extends not in shipped_rigs():
+    if rig_file.extends not in list_shipped_rigs():
         raise ConfigurationError(
             "the rig file is wrong at extends: there is no shipped rig of that name",
             path=name,
             found=rig_file.extends,
-            expected=f"one of {', '.join(shipped_rigs())}",
+            expected=f"one of {', '.join(list_shipped_rigs())}",
         )
     base = _content(rig_file.extends)
     tables = {"weights", "points", "follow"}
@@ -382,7 +384,7 @@ def read_rig_file(path: str | Path) -> RigFile:
 
 def _content(name: str) -> dict[str, Any]:
     try:
-        if name in shipped_rigs():
+        if name in list_shipped_rigs():
             text = resources.files("mocap_fit.face").joinpath(f"{name}.toml").read_text("utf-8")
         else:
             text = Path(name).read_text("utf-8")
@@ -394,7 +396,8 @@ def _content(name: str) -> dict[str, Any]:
             "the rig file cannot be read",
             path=name,
             found=getattr(error, "strerror", None) or error,
-            advice=f"Give a TOML file, or one of the shipped rigs: {', '.join(shipped_rigs())}.",
+            advice="Give a TOML file, or one of the shipped rigs: "
+            f"{', '.join(list_shipped_rigs())}.",
         ) from None
     points = content.get("feature_points")
     if isinstance(points, dict):
@@ -417,7 +420,7 @@ def _validated(content: dict[str, Any], path: str) -> RigFile:
         ) from None
 
 
-def shipped_rigs() -> tuple[str, ...]:
+def list_shipped_rigs() -> tuple[str, ...]:
     """Names of the rigs that come with the package."""
     files = resources.files("mocap_fit.face").iterdir()
     return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))

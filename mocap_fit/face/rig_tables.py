@@ -59,7 +59,7 @@ class Point(Strictly):
         if self.position is not None:
             return np.asarray(self.position, dtype=np.float64)
         found = [
-            places[name] if name in places else mesh.vertices[mesh.feature_point(name)]
+            places[name] if name in places else mesh.vertices[mesh.get_feature_point(name)]
             for name in self.at
         ]
         return np.asarray(np.mean(found, axis=0) + np.multiply(scales, self.offset))
@@ -101,10 +101,10 @@ class Constraint(Strictly):
     def members(self, mesh: Mesh, scales: ArrayLike, places: Places) -> IndexArray:
         """Indices of the vertices, unique."""
         optional = [name for name in self.optional_feature_points if name in mesh.feature_points]
-        points = [mesh.feature_point(name) for name in (*self.feature_points, *optional)]
+        points = [mesh.get_feature_point(name) for name in (*self.feature_points, *optional)]
         there = [name for name in self.optional_regions if mesh.has_region(name)]
         found = [np.array(points, dtype=np.int64)]
-        found += [mesh.region(name) for name in (*self.regions, *there)]
+        found += [mesh.get_region(name) for name in (*self.regions, *there)]
         for point, axis, sign in ((self.below, 1, -1), (self.above, 1, 1), (self.behind, 2, -1)):
             if point is not None:
                 limit = point.on(mesh, scales, places)[axis]
@@ -214,10 +214,12 @@ class Region(Strictly):
             check_vertex(last, mesh)
             found.append(np.arange(first, last + 1))
         if self.part is not None:
-            extent = mesh.part(self.part).vertices
+            extent = mesh.get_part(self.part).vertices
             found.append(np.arange(extent.start, extent.stop))
         if self.within is not None:
-            distance = surface_distance(mesh, [mesh.feature_point(name) for name in self.near])
+            distance = compute_surface_distance(
+                mesh, [mesh.get_feature_point(name) for name in self.near]
+            )
             found.append(np.flatnonzero(distance <= self.within))
         return np.unique(np.concatenate(found))
 
@@ -232,7 +234,7 @@ def check_vertex(index: int, mesh: Mesh) -> None:
         )
 
 
-def surface_distance(mesh: Mesh, vertices: int | list[int]) -> FloatArray:
+def compute_surface_distance(mesh: Mesh, vertices: int | list[int]) -> FloatArray:
     """Distance of every vertex from the nearest of some, along the edges, in millimetres.
 
     Parameters

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.errors import ConfigurationError, DataError
-from mocap_fit.face import CompiledRig, Rig, parameters_from
+from mocap_fit.face import CompiledRig, Rig, to_parameters
 from mocap_fit.face.mesh import IndexArray, Mesh
 from mocap_fit.face.rig import evaluate_jacobian
 from mocap_fit.fitting.layout import Layout
@@ -199,7 +199,7 @@ def bind_markers(
             found=", ".join(reference.names),
             advice="Choose the layout that the recording was made with, or correct its names.",
         )
-    parameters = parameters_from(layout.reference_parameters, rig.parameter_names)
+    parameters = to_parameters(layout.reference_parameters, rig.parameter_names)
     vertices = rig.deform(parameters)
     mesh = rig.mesh
     corners, places = [], []
@@ -292,16 +292,16 @@ def _candidates(
     mesh: Mesh, vertices: FloatArray, region: tuple[str, ...], feature_point: str | None
 ) -> IndexArray:
     """Triangles that a marker may be tied to, as indices."""
-    skin = mesh.part("skin")
+    skin = mesh.get_part("skin")
     allowed = np.zeros(len(vertices), dtype=bool)
     if region:
         for name in region:
-            allowed[mesh.region(name)] = True
+            allowed[mesh.get_region(name)] = True
     else:
         allowed[skin.vertices.start : skin.vertices.stop] = True
     if feature_point is not None:
-        point = vertices[mesh.feature_point(feature_point)]
-        mouth = vertices[[mesh.feature_point("8.3"), mesh.feature_point("8.4")]]
+        point = vertices[mesh.get_feature_point(feature_point)]
+        mouth = vertices[[mesh.get_feature_point("8.3"), mesh.get_feature_point("8.4")]]
         reach = _REACH * np.linalg.norm(mouth[0] - mouth[1])
         allowed &= np.linalg.norm(vertices - point, axis=1) <= reach
     return np.flatnonzero(allowed[mesh.triangles].all(axis=1))

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mocap_fit.errors import DataError
-from mocap_fit.face import Rig, parameters_from
+from mocap_fit.face import Rig, to_parameters
 from mocap_fit.fitting.layout import Layout
 from mocap_fit.fitting.precision import rigid_motion_effect
 from mocap_fit.tracks import FloatArray, MarkerTracks
@@ -117,10 +117,10 @@ def fit_orientation(
             expected="three or more of "
             + ", ".join(m.name for m in layout.markers if m.orientation),
         )
-    vertices = rig.deform(parameters_from(layout.reference_parameters, rig.parameter_names))
+    vertices = rig.deform(to_parameters(layout.reference_parameters, rig.parameter_names))
     source = np.array([pose[m.name] for m in strategic])
-    points = [rig.mesh.feature_point(m.feature_point or "") for m in strategic]
-    target = vertices[points] + layout.marker_offset * rig.mesh.normals(vertices)[points]
+    points = [rig.mesh.get_feature_point(m.feature_point or "") for m in strategic]
+    target = vertices[points] + layout.marker_offset * rig.mesh.compute_normals(vertices)[points]
     orientation = orient_points(source, target, objective=objective)
     lower, upper = _PLAUSIBLE_SCALE
     if not lower <= orientation.scale <= upper:

@@ -89,8 +89,11 @@ class _Document:
     def finished(self, name: str) -> bytes:
         """The whole file."""
         lib, file, blended = self._lib, self._file, self._blended
-        rest = self._mesh.normals()
-        bent = [self._mesh.normals(self._mesh.vertices + shape) - rest for shape in blended.shapes]
+        rest = self._mesh.compute_normals()
+        bent = [
+            self._mesh.compute_normals(self._mesh.vertices + shape) - rest
+            for shape in blended.shapes
+        ]
         primitives = [self._primitive(part, rest, bent) for part in self._mesh.parts]
         file.meshes.append(
             lib.Mesh(

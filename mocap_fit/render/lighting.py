@@ -146,13 +146,13 @@ class _Mouth:
     def __init__(self, mesh: Mesh) -> None:
         self._all = len(mesh.vertices)
         self._lips = tuple(mesh.feature_points.get(name) for name in ("2.2", "2.3"))
-        inside = [mesh.region(name) for name in _INSIDE_PARTS if mesh.has_region(name)]
-        inside += [mesh.region(name) for name in _INSIDE_REGIONS if mesh.has_region(name)]
+        inside = [mesh.get_region(name) for name in _INSIDE_PARTS if mesh.has_region(name)]
+        inside += [mesh.get_region(name) for name in _INSIDE_REGIONS if mesh.has_region(name)]
         self._inside = np.unique(np.concatenate(inside)) if inside else np.zeros(0, dtype=np.int64)
         least = np.full(self._all, _LEAST_LIGHT)
         for name in ("teeth_upper", "teeth_lower"):
             if mesh.has_region(name):
-                least[mesh.region(name)] = _LEAST_LIGHT_ON_TEETH
+                least[mesh.get_region(name)] = _LEAST_LIGHT_ON_TEETH
         self._least = least[self._inside]
 
     def light(self, vertices: FloatArray) -> Single:
@@ -196,8 +196,8 @@ def _looks(mesh: Mesh) -> tuple[Single, Single, Single]:
     # Lips are moist.
     for name in ("upper_lip", "lower_lip"):
         if name in mesh.regions:
-            specular[mesh.region(name)] = 0.22
-            power[mesh.region(name)] = 24.0
+            specular[mesh.get_region(name)] = 0.22
+            power[mesh.get_region(name)] = 24.0
     return colours, specular, power
 
 

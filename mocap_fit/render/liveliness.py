@@ -192,9 +192,9 @@ class _Lid:
                 expected=f"the feature points {', '.join(points)}, the region '{regions[0]}'",
                 advice="Leave the blinks out, or name them in the rig file.",
             )
-        places = [mesh.vertices[mesh.feature_point(name)] for name in points]
+        places = [mesh.vertices[mesh.get_feature_point(name)] for name in points]
         upper, lower, outer, inner, fold, pupil = places
-        members = [mesh.region(name) for name in regions if mesh.has_region(name)]
+        members = [mesh.get_region(name) for name in regions if mesh.has_region(name)]
         ids: IndexArray = np.unique(np.concatenate(members))
         rest = mesh.vertices[ids]
         # Across the eye: -1 at one corner, 1 at the other; lids meet there.
@@ -216,7 +216,7 @@ class _Lid:
         self._ball: LinearNDInterpolator | None = None
         self._ball_ids: IndexArray = np.zeros(0, dtype=np.int64)
         if mesh.has_region(ball):
-            self._ball_ids = mesh.region(ball)
+            self._ball_ids = mesh.get_region(ball)
             surface = mesh.vertices[self._ball_ids]
             self._ball = LinearNDInterpolator(surface[:, :2], surface[:, 2], fill_value=-np.inf)
 

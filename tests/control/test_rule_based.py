@@ -11,7 +11,7 @@ from mocap_fit.control.rule_based import RuleBased
 from mocap_fit.control.rule_table import load_rules, rule_languages
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.face import load_face
-from mocap_fit.face.lips import lip_gap
+from mocap_fit.face.lips import compute_lip_gap
 from mocap_fit.phones import (
     ARTICULATORY_PARAMETERS,
     PhoneSegment,
@@ -29,7 +29,7 @@ def gap():
     """A function: parameters `(frames, 10)` to the distance of the inner lips, mm, `(frames,)`."""
     face = load_face()
     assert face.parameter_names == ARTICULATORY_PARAMETERS
-    return lambda values: lip_gap(face, values)
+    return lambda values: compute_lip_gap(face, values)
 
 
 def said(labels, phone_set, length=0.08) -> PhoneSequence:

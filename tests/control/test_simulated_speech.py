@@ -8,7 +8,7 @@ from mocap_fit import control
 from mocap_fit.control import ControlModel
 from mocap_fit.corpus import Corpus
 from mocap_fit.face import load_face
-from mocap_fit.face.lips import lip_gap
+from mocap_fit.face.lips import compute_lip_gap
 
 
 def correlation(model: ControlModel, corpus: Corpus) -> float:
@@ -51,7 +51,7 @@ def test_the_trained_models_beat_phone_means_on_sentences_they_never_met(languag
         closed, widest = [], []
         for utterance in test:
             phones = utterance.phones
-            gaps = lip_gap(face, model.predict_at(phones, utterance.tracks.times))
+            gaps = compute_lip_gap(face, model.predict_at(phones, utterance.tracks.times))
             at = phones.at(utterance.tracks.times)
             for position, segment in enumerate(phones):
                 inside = gaps[at == position]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from mocap_fit.errors import ConfigurationError
-from mocap_fit.face.builtin import built_in_head, reshape_head
-from mocap_fit.face.builtin.cache import cache_folder, load_mesh, save_mesh
+from mocap_fit.face.builtin import load_built_in_head, reshape_head
+from mocap_fit.face.builtin.cache import get_cache_folder, load_mesh, save_mesh
 from mocap_fit.face.mesh import Mesh
 
 PARTS = (
@@ -49,7 +49,7 @@ SIDED_REGIONS = {"jaw_{}", "cheek_{}", "brow_{}_skin", "eyelids_{}", "ear_{}"}
 
 @pytest.fixture(scope="module")
 def head() -> Mesh:
-    return built_in_head(use_cache=False)
+    return load_built_in_head(use_cache=False)
 
 
 @pytest.fixture
@@ -59,7 +59,7 @@ def cache(tmp_path, monkeypatch):
 
 
 def part_surface(head: Mesh, name: str) -> tuple[np.ndarray, np.ndarray]:
-    part = head.part(name)
+    part = head.get_part(name)
     return (
         head.vertices[part.vertices.start : part.vertices.stop],
         head.triangles[part.triangles.start : part.triangles.stop] - part.vertices.start,
@@ -165,9 +165,9 @@ def test_no_triangle_of_the_face_is_flipped(head):
     vertices, triangles = part_surface(head, "skin")
     folding = np.zeros(len(vertices), dtype=bool)
     for name in ("upper_lip", "lower_lip", "mouth_bag_upper", "mouth_bag_lower"):
-        folding[head.region(name)] = True
+        folding[head.get_region(name)] = True
     for side in ("left", "right"):
-        folding[head.region(f"ear_{side}")] = folding[head.region(f"eyelids_{side}")] = True
+        folding[head.get_region(f"ear_{side}")] = folding[head.get_region(f"eyelids_{side}")] = True
     corners = vertices[triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -197,9 +197,9 @@ def test_eyes_brows_and_lashes_mirror_each_other(head):
 
 
 def test_lips_meet_at_rest(head):
-    upper, lower = (head.vertices[head.feature_point(name)] for name in ("2.2", "2.3"))
+    upper, lower = (head.vertices[head.get_feature_point(name)] for name in ("2.2", "2.3"))
     assert np.linalg.norm(upper - lower) < 0.3
-    contour = head.vertices[head.region("inner_lip_contour")]
+    contour = head.vertices[head.get_region("inner_lip_contour")]
     above = contour[contour[:, 1] >= np.median(contour[:, 1])]
     for vertex in above:
         nearest = np.sort(np.linalg.norm(contour - vertex, axis=1))[1]
@@ -207,7 +207,7 @@ def test_lips_meet_at_rest(head):
 
 
 def test_teeth_and_tongue_are_inside_the_lips(head):
-    lips = head.vertices[head.region("inner_lip_contour")]
+    lips = head.vertices[head.get_region("inner_lip_contour")]
     for name in ("teeth_upper", "teeth_lower", "gums_upper", "gums_lower", "tongue"):
         vertices, _ = part_surface(head, name)
         assert vertices[:, 2].max() < lips[:, 2].max() - 4, name
@@ -224,9 +224,9 @@ def test_regions_cover_the_skin(head):
     names = set(head.regions)
     sided = {name.format(side) for name in SIDED_REGIONS for side in ("left", "right")}
     assert names == MIDDLE_REGIONS | sided
-    covered = np.zeros(len(head.part("skin").vertices), dtype=bool)
+    covered = np.zeros(len(head.get_part("skin").vertices), dtype=bool)
     for name in names:
-        members = head.region(name)
+        members = head.get_region(name)
         assert len(members) > 5, name
         covered[members] = True
     assert covered.all()
@@ -234,21 +234,21 @@ def test_regions_cover_the_skin(head):
 
 def test_regions_are_on_their_side(head):
     for name in SIDED_REGIONS:
-        left = head.vertices[head.region(name.format("left"))]
-        right = head.vertices[head.region(name.format("right"))]
+        left = head.vertices[head.get_region(name.format("left"))]
+        right = head.vertices[head.get_region(name.format("right"))]
         assert left[:, 0].min() > 0
         assert right[:, 0].max() < 0
         assert len(left) == len(right)
 
 
 def test_lip_regions_share_only_their_corners(head):
-    shared = np.intersect1d(head.region("upper_lip"), head.region("lower_lip"))
-    assert {head.feature_point(name) for name in ("2.4", "2.5", "8.3", "8.4")} <= set(
+    shared = np.intersect1d(head.get_region("upper_lip"), head.get_region("lower_lip"))
+    assert {head.get_feature_point(name) for name in ("2.4", "2.5", "8.3", "8.4")} <= set(
         shared.tolist()
     )
     assert np.abs(head.vertices[shared, 0]).min() > 20
-    bag = np.intersect1d(head.region("mouth_bag_upper"), head.region("mouth_bag_lower"))
-    deepest = head.region("mouth_bag_lower")
+    bag = np.intersect1d(head.get_region("mouth_bag_upper"), head.get_region("mouth_bag_lower"))
+    deepest = head.get_region("mouth_bag_lower")
     deepest = deepest[head.vertices[deepest, 2].argmin()]
     assert deepest in bag
     assert head.vertices[deepest, 0] == 0
@@ -256,7 +256,7 @@ def test_lip_regions_share_only_their_corners(head):
 
 def test_regions_lie_where_their_names_say(head):
     def middle(name):
-        return head.vertices[head.region(name)].mean(axis=0)
+        return head.vertices[head.get_region(name)].mean(axis=0)
 
     down = ["forehead", "brow_left_skin", "eyelids_left", "nose", "upper_lip_skin", "upper_lip"]
     down += ["lower_lip", "lower_lip_skin", "chin", "neck"]
@@ -306,14 +306,16 @@ IN_THE_MIDDLE += ["9.3", "9.12", "9.15", "11.1", "11.4", "11.6"]
 
 @pytest.mark.parametrize(("left", "right"), LEFT_RIGHT)
 def test_left_and_right_feature_points_mirror_each_other(head, left, right):
-    left_place, right_place = (head.vertices[head.feature_point(name)] for name in (left, right))
+    left_place, right_place = (
+        head.vertices[head.get_feature_point(name)] for name in (left, right)
+    )
     assert left_place[0] > 1
     np.testing.assert_allclose(left_place * [-1, 1, 1], right_place, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", IN_THE_MIDDLE)
 def test_middle_feature_points_are_in_the_middle(head, name):
-    assert abs(head.vertices[head.feature_point(name), 0]) < 1e-9
+    assert abs(head.vertices[head.get_feature_point(name), 0]) < 1e-9
 
 
 @pytest.mark.parametrize(
@@ -349,27 +351,27 @@ def test_middle_feature_points_are_in_the_middle(head, name):
     ],
 )
 def test_feature_points_are_in_their_regions(head, name, region):
-    assert head.feature_point(name) in head.region(region)
+    assert head.get_feature_point(name) in head.get_region(region)
 
 
 def test_proportions_are_human(head):
     def height(name):
-        return head.vertices[head.feature_point(name), 1]
+        return head.vertices[head.get_feature_point(name), 1]
 
     chin, crown = height("2.1"), height("11.4")
     eyes, nose, mouth, brows = (height(n) for n in ("3.5", "9.15", "2.2", "4.3"))
     assert eyes == pytest.approx((chin + crown) / 2, abs=5)
     assert nose == pytest.approx((chin + brows) / 2, abs=6)
     assert (nose - mouth) / (nose - chin) == pytest.approx(1 / 3, abs=0.08)
-    between_pupils = 2 * head.vertices[head.feature_point("3.5"), 0]
+    between_pupils = 2 * head.vertices[head.get_feature_point("3.5"), 0]
     assert (eyes - mouth) / between_pupils < 1.1
 
 
 def test_followers_are_near_their_skin(head):
     """The rig gives them the weights of the nearest skin, which must be the skin they lie on."""
-    on_skin = head.vertices[head.region("skin")]
+    on_skin = head.vertices[head.get_region("skin")]
     for name in ("brow_left", "brow_right", "lashes_left", "lashes_right"):
-        followers = head.vertices[head.region(name)]
+        followers = head.vertices[head.get_region(name)]
         distance = np.linalg.norm(followers[:, None] - on_skin, axis=2).min(axis=1)
         assert len(distance) > 0
         assert distance.max() < 6
@@ -387,26 +389,26 @@ def assert_same(one: Mesh, other: Mesh) -> None:
 
 
 def test_cached_head_is_the_built_head(head, cache):
-    first = built_in_head()
+    first = load_built_in_head()
     kept = list(cache.iterdir())
     assert len(kept) == 1
     assert kept[0].suffix == ".npz"
-    second = built_in_head()
+    second = load_built_in_head()
     assert_same(first, head)
     assert_same(second, head)
 
 
 def test_the_cache_is_really_read(head, cache):
-    built_in_head()
+    load_built_in_head()
     (path,) = cache.iterdir()
-    marked = head.with_vertices(head.vertices + 1.0)
+    marked = head.replace_vertices(head.vertices + 1.0)
     assert save_mesh(marked, path)
-    assert built_in_head().vertices.tobytes() == marked.vertices.tobytes()
+    assert load_built_in_head().vertices.tobytes() == marked.vertices.tobytes()
 
 
 def test_loading_from_the_cache_imports_no_scipy(cache):
     code = (
-        "import sys; from mocap_fit.face.builtin import built_in_head; built_in_head();"
+        "import sys; from mocap_fit.face.builtin import load_built_in_head; load_built_in_head();"
         "print('scipy.spatial' in sys.modules)"
     )
     answers = [
@@ -427,12 +429,12 @@ def test_loading_from_the_cache_imports_no_scipy(cache):
     ids=["empty", "text", "cut off", "overwritten"],
 )
 def test_a_damaged_cache_is_rebuilt(head, cache, damage):
-    built_in_head()
+    load_built_in_head()
     (path,) = cache.iterdir()
     good = path.read_bytes()
     path.write_bytes(damage(good))
     assert load_mesh(path) is None
-    assert_same(built_in_head(), head)
+    assert_same(load_built_in_head(), head)
     assert path.read_bytes() == good
 
 
@@ -442,7 +444,7 @@ def test_a_folder_that_cannot_be_written_is_no_obstacle(head, tmp_path, monkeypa
     blocked.write_text("a file where the folder should be")
     blocked.chmod(stat.S_IRUSR)
     monkeypatch.setenv("MOCAP_FIT_CACHE", str(blocked))
-    assert_same(built_in_head(), head)
+    assert_same(load_built_in_head(), head)
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
 
 
@@ -450,12 +452,12 @@ def test_cache_folder_follows_the_platform(monkeypatch):
     monkeypatch.delenv("MOCAP_FIT_CACHE", raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
-    assert cache_folder().as_posix() == "/somewhere/mocap-fit"
+    assert get_cache_folder().as_posix() == "/somewhere/mocap-fit"
     monkeypatch.setattr(sys, "platform", "darwin")
-    assert cache_folder().as_posix().endswith("Library/Caches/mocap-fit")
+    assert get_cache_folder().as_posix().endswith("Library/Caches/mocap-fit")
     monkeypatch.setattr(sys, "platform", "win32")
     monkeypatch.setenv("LOCALAPPDATA", "/local")
-    assert cache_folder().as_posix() == "/local/mocap-fit/Cache"
+    assert get_cache_folder().as_posix() == "/local/mocap-fit/Cache"
 
 
 class TestReshape:
@@ -474,12 +476,12 @@ class TestReshape:
     def test_lower_face_moves_only_what_is_below_the_nose(self, head):
         longer = reshape_head(head, lower_face=1.2)
         moved = longer.vertices - head.vertices
-        base = head.vertices[head.feature_point("9.15"), 1]
+        base = head.vertices[head.get_feature_point("9.15"), 1]
         above = head.vertices[:, 1] >= base
         assert (moved[above] == 0).all()
         assert (moved[:, [0, 2]] == 0).all()
         assert (moved[~above, 1] < 0).all()
-        chin, nose = (head.feature_point(name) for name in ("2.1", "9.15"))
+        chin, nose = (head.get_feature_point(name) for name in ("2.1", "9.15"))
 
         def length(mesh):
             return mesh.vertices[nose, 1] - mesh.vertices[chin, 1]
@@ -488,7 +490,7 @@ class TestReshape:
 
     def test_mouth_width_widens_the_mouth(self, head):
         wider = reshape_head(head, mouth_width=1.2)
-        corner, ear = head.feature_point("8.3"), head.feature_point("10.3")
+        corner, ear = head.get_feature_point("8.3"), head.get_feature_point("10.3")
         growth = wider.vertices[corner, 0] / head.vertices[corner, 0]
         assert 1.12 < growth < 1.2
         assert wider.vertices[ear, 0] / head.vertices[ear, 0] < 1.005
@@ -498,7 +500,7 @@ class TestReshape:
         other = reshape_head(
             head, width=1.05, height=0.95, depth=1.03, lower_face=1.15, mouth_width=0.85, size=1.05
         )
-        upper, lower = (other.vertices[other.feature_point(name)] for name in ("2.2", "2.3"))
+        upper, lower = (other.vertices[other.get_feature_point(name)] for name in ("2.2", "2.3"))
         assert np.linalg.norm(upper - lower) < 0.3
         vertices, triangles = part_surface(other, "skin")
         mirror_of(vertices + 0.0)

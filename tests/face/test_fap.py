@@ -5,7 +5,7 @@ import pytest
 
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.face import Mesh
-from mocap_fit.face.builtin import built_in_head
+from mocap_fit.face.builtin import load_built_in_head
 from mocap_fit.face.fap import FAP_COUNT, FAPS, measure_fap_units
 
 # ISO/IEC 14496-2:2001, Table C.1: number, name, unit, positive motion, feature point.
@@ -100,7 +100,7 @@ def test_only_the_points_of_the_units_asked_for_are_needed() -> None:
 
 def test_the_built_in_head_has_a_human_faces_units() -> None:
     """Near an adult's: pupils 62 mm apart, mouth 50 mm wide, upper lip 20 mm high."""
-    units = measure_fap_units(built_in_head())
+    units = measure_fap_units(load_built_in_head())
     assert units["ES"] == pytest.approx(62, rel=0.05)
     assert units["MW"] == pytest.approx(50, rel=0.05)
     assert units["MNS"] == pytest.approx(20, rel=0.1)

@@ -132,8 +132,8 @@ def test_obj_objects_become_parts_and_groups_that_share_vertices_regions(tmp_pat
     mesh = quiet(path)
     assert [part.name for part in mesh.parts] == ["upper", "core"]
     assert {"upper", "lower", "core"} <= set(mesh.regions)
-    np.testing.assert_allclose(mesh.vertices[mesh.region("core")], 0.5 * vertices, atol=1e-6)
-    both = np.union1d(mesh.region("upper"), mesh.region("lower"))
+    np.testing.assert_allclose(mesh.vertices[mesh.get_region("core")], 0.5 * vertices, atol=1e-6)
+    both = np.union1d(mesh.get_region("upper"), mesh.get_region("lower"))
     np.testing.assert_array_equal(both, np.arange(len(vertices)))
 
 
@@ -152,7 +152,7 @@ def test_glb_objects_become_parts_where_they_stand(tmp_path):
     mesh = quiet(tmp_path / "two.glb", scale=1000)
     assert [part.name for part in mesh.parts] == ["face", "tongue"]
     np.testing.assert_allclose(
-        mesh.vertices[mesh.region("tongue")], vertices + np.array([0, 20, 0]), atol=1e-3
+        mesh.vertices[mesh.get_region("tongue")], vertices + np.array([0, 20, 0]), atol=1e-3
     )
 
 

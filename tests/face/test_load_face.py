@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from mocap_fit.errors import ConfigurationError
-from mocap_fit.face import CompiledRig, Rig, load_face, parameters_from
-from mocap_fit.face.builtin import built_in_head, reshape_head
+from mocap_fit.face import CompiledRig, Rig, load_face, to_parameters
+from mocap_fit.face.builtin import load_built_in_head, reshape_head
 from mocap_fit.face.mesh import IndexArray, Mesh
 from mocap_fit.face.parke import ParkeRig
-from mocap_fit.face.rig import Kind, checked_parameters, evaluate, evaluate_jacobian
+from mocap_fit.face.rig import Kind, check_parameters, evaluate, evaluate_jacobian
 from mocap_fit.fitting import (
     Binding,
     Layout,
@@ -42,7 +42,7 @@ class TestBuiltIn:
     def test_it_is_the_default(self) -> None:
         rig = load_face()
         assert isinstance(rig, ParkeRig)
-        np.testing.assert_array_equal(rig.mesh.vertices, built_in_head().vertices)
+        np.testing.assert_array_equal(rig.mesh.vertices, load_built_in_head().vertices)
         values = np.linspace(-0.2, 0.8, 10)
         np.testing.assert_array_equal(rig.deform(values), load_face("built-in").deform(values))
 
@@ -85,7 +85,7 @@ class TestBuiltIn:
         assert len(answers) == 1
 
     def test_on_another_head(self) -> None:
-        head = reshape_head(built_in_head(), width=1.2)
+        head = reshape_head(load_built_in_head(), width=1.2)
         np.testing.assert_array_equal(load_face(mesh=head).deform(np.zeros(10)), head.vertices)
 
     def test_a_mesh_without_a_mouth_is_refused_with_all_that_it_lacks(self) -> None:
@@ -104,8 +104,8 @@ class TestForeignMesh:
             head.vertices,
             head.triangles,
             head.parts,
-            {name: head.region(name) for name in ("upper_lip", "lower_lip")},
-            {name: head.feature_point(name) for name in kept},
+            {name: head.get_region(name) for name in ("upper_lip", "lower_lip")},
+            {name: head.get_feature_point(name) for name in kept},
         )
         little = load_face(mesh=bare)
         middle = (np.abs(head.vertices[:, 0]) < 30) & (head.vertices[:, 2] > 60)
@@ -129,24 +129,24 @@ class TestForeignMesh:
             mesh = load_face(MASK).mesh
         assert [part.name for part in mesh.parts] == ["skin", "teeth_lower"]
         assert 400 < len(mesh.vertices) < 600
-        corner = mesh.vertices[mesh.feature_point("8.3")]
+        corner = mesh.vertices[mesh.get_feature_point("8.3")]
         np.testing.assert_allclose(corner, [24, 0, 83], atol=0.1)
         # Counted round the mouth: 8.4 is given by its place, and found.
-        assert mesh.feature_point("8.4") == 56 + AROUND // 2
+        assert mesh.get_feature_point("8.4") == 56 + AROUND // 2
         nose = mesh.vertices[:, 2].argmax()
-        assert mesh.normals()[nose, 2] > 0.5
+        assert mesh.compute_normals()[nose, 2] > 0.5
 
     def test_the_jaw_opens_with_its_teeth(self, mask: Rig) -> None:
-        change = mask.deform(parameters_from({"jaw_rotation": 1}, mask.parameter_names))
+        change = mask.deform(to_parameters({"jaw_rotation": 1}, mask.parameter_names))
         change = change - mask.mesh.vertices
         upper, lower, chin, corner = (
-            change[mask.mesh.feature_point(p)] for p in ("2.2", "2.3", "2.1", "8.3")
+            change[mask.mesh.get_feature_point(p)] for p in ("2.2", "2.3", "2.1", "8.3")
         )
         assert lower[1] < -12
         assert chin[1] < -8
         assert np.abs(upper).max() < 1e-9
         assert lower[1] < corner[1] < -3
-        teeth = change[mask.mesh.region("teeth_lower")]
+        teeth = change[mask.mesh.get_region("teeth_lower")]
         assert teeth[:, 1].max() < -8
         forehead = mask.mesh.vertices[:, 1] > 70
         assert np.abs(change[forehead]).max() < 1e-9
@@ -168,10 +168,10 @@ class TestForeignMesh:
     def test_gestures_move_what_they_should(
         self, mask: Rig, name: str, point: str, axis: int, least: float, still: str
     ) -> None:
-        shape = mask.deform(parameters_from({name: 1}, mask.parameter_names))
+        shape = mask.deform(to_parameters({name: 1}, mask.parameter_names))
         change = shape - mask.mesh.vertices
-        assert change[mask.mesh.feature_point(point), axis] * np.sign(least) > abs(least)
-        assert np.abs(change[mask.mesh.feature_point(still)]).max() < 1e-9
+        assert change[mask.mesh.get_feature_point(point), axis] * np.sign(least) > abs(least)
+        assert np.abs(change[mask.mesh.get_feature_point(still)]).max() < 1e-9
 
 
 # ---- from markers on a foreign mesh back to its parameters ---------------------------------------
@@ -219,10 +219,10 @@ class Blendshapes:
         )
 
     def deform(self, parameters: np.ndarray) -> np.ndarray:
-        return evaluate(self._compiled, checked_parameters(parameters, self.parameter_names))
+        return evaluate(self._compiled, check_parameters(parameters, self.parameter_names))
 
     def jacobian(self, parameters: np.ndarray) -> np.ndarray:
-        values = checked_parameters(parameters, self.parameter_names)
+        values = check_parameters(parameters, self.parameter_names)
         return evaluate_jacobian(self._compiled, values)[1]
 
     def compile(self, vertex_ids: IndexArray) -> CompiledRig:
@@ -235,7 +235,7 @@ def layout_on(mesh: Mesh) -> tuple[Layout, dict[str, np.ndarray]]:
     markers = [
         LayoutMarker(name=f"point {p}", feature_point=p, orientation=True) for p in strategic
     ]
-    vertices = [mesh.feature_point(p) for p in strategic]
+    vertices = [mesh.get_feature_point(p) for p in strategic]
     # Rings 5, 7 and 9 of the mesh are the lips' border, the skin round it, and the cheeks.
     for ring, angles in ((5, range(1, 28, 3)), (7, range(0, 28, 4)), (10, range(2, 28, 4))):
         for i in angles:
@@ -243,7 +243,7 @@ def layout_on(mesh: Mesh) -> tuple[Layout, dict[str, np.ndarray]]:
             region = (lip,) if ring == 5 else ("skin",)
             markers.append(LayoutMarker(name=f"ring {ring} at {i}", region=region))
             vertices.append(ring * AROUND + i)
-    places = mesh.vertices[vertices] + 2.0 * mesh.normals()[vertices]
+    places = mesh.vertices[vertices] + 2.0 * mesh.compute_normals()[vertices]
     layout = Layout(name="mask", marker_offset=2.0, markers=tuple(markers))
     return layout, {m.name: p for m, p in zip(markers, places, strict=True)}
 
@@ -308,7 +308,7 @@ class TestFitOnForeignMesh:
 
 TOY_RIG = """
 import numpy as np
-from mocap_fit.face.rig import checked_parameters
+from mocap_fit.face.rig import check_parameters
 
 class ToyRig:
     parameter_names = ("nod",)
@@ -322,7 +322,7 @@ class ToyRig:
         return cls(mesh, rig_file.settings["reach"])
 
     def deform(self, parameters):
-        nod = checked_parameters(parameters, self.parameter_names)[0]
+        nod = check_parameters(parameters, self.parameter_names)[0]
         return self.mesh.vertices - [0.0, self.reach * nod, 0.0]
 
     def jacobian(self, parameters):

@@ -13,7 +13,7 @@ TRIANGLES = np.array([[0, 1, 2], [0, 2, 3]])
 def test_a_mesh_without_parts_is_all_skin() -> None:
     mesh = Mesh(SQUARE, TRIANGLES)
     assert [part.name for part in mesh.parts] == ["skin"]
-    assert mesh.region("skin").tolist() == [0, 1, 2, 3]
+    assert mesh.get_region("skin").tolist() == [0, 1, 2, 3]
 
 
 def test_regions_are_sorted_and_parts_count_as_regions() -> None:
@@ -24,19 +24,19 @@ def test_regions_are_sorted_and_parts_count_as_regions() -> None:
         parts,
         {"edge": np.array([2, 0, 2])},
     )
-    assert mesh.region("edge").tolist() == [0, 2]
-    assert mesh.region("tongue").tolist() == [3, 4, 5]
+    assert mesh.get_region("edge").tolist() == [0, 2]
+    assert mesh.get_region("tongue").tolist() == [3, 4, 5]
     assert mesh.has_region("tongue")
     assert not mesh.has_region("teeth")
-    assert mesh.part("tongue").triangles == range(1, 2)
+    assert mesh.get_part("tongue").triangles == range(1, 2)
 
 
 def test_normals_point_outwards_and_follow_the_shape() -> None:
     mesh = Mesh(SQUARE, TRIANGLES)
-    np.testing.assert_allclose(mesh.normals(), np.tile([0.0, 0, 1], (4, 1)))
+    np.testing.assert_allclose(mesh.compute_normals(), np.tile([0.0, 0, 1], (4, 1)))
     turned = SQUARE[:, [2, 0, 1]]
-    np.testing.assert_allclose(mesh.normals(turned), np.tile([1.0, 0, 0], (4, 1)))
-    np.testing.assert_array_equal(mesh.with_vertices(turned).vertices, turned)
+    np.testing.assert_allclose(mesh.compute_normals(turned), np.tile([1.0, 0, 0], (4, 1)))
+    np.testing.assert_array_equal(mesh.replace_vertices(turned).vertices, turned)
 
 
 def test_the_arrays_cannot_be_written_to_and_are_copies() -> None:
@@ -74,8 +74,8 @@ def test_contradictions_are_refused(arguments: dict[str, object], message: str) 
 def test_what_is_not_there_is_named_with_what_is() -> None:
     mesh = Mesh(SQUARE, TRIANGLES, regions={"lip": np.array([1])}, feature_points={"8.1": 1})
     with pytest.raises(ConfigurationError, match=r"no part 'tongue' .*skin"):
-        mesh.part("tongue")
+        mesh.get_part("tongue")
     with pytest.raises(ConfigurationError, match=r"no region 'chin' .*lip, skin"):
-        mesh.region("chin")
+        mesh.get_region("chin")
     with pytest.raises(ConfigurationError, match=r"no feature point 8\.2 .*8\.1"):
-        mesh.feature_point("8.2")
+        mesh.get_feature_point("8.2")

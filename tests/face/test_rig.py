@@ -11,10 +11,10 @@ from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
 from mocap_fit.errors import DataError
-from mocap_fit.face import CompiledRig, Mesh, Rig, load_face, parameters_from
-from mocap_fit.face.builtin import built_in_head, reshape_head
+from mocap_fit.face import CompiledRig, Mesh, Rig, load_face, to_parameters
+from mocap_fit.face.builtin import load_built_in_head, reshape_head
 from mocap_fit.face.mesh import IndexArray
-from mocap_fit.face.rig import Kind, checked_parameters, evaluate, evaluate_jacobian
+from mocap_fit.face.rig import Kind, check_parameters, evaluate, evaluate_jacobian
 
 MASK = Path(__file__).parents[2] / "fixtures" / "faces" / "mask.toml"
 NAMES = (
@@ -43,13 +43,13 @@ class WavingRig:
         self._shapes = 4 * np.stack([np.sin(y / 30), np.cos(y / 9)], axis=1)
 
     def deform(self, parameters: np.ndarray) -> np.ndarray:
-        values = checked_parameters(parameters, self.parameter_names)
+        values = check_parameters(parameters, self.parameter_names)
         moved = self.mesh.vertices.copy()
         moved[:, 2] += self._shapes @ np.sin(values)
         return moved
 
     def jacobian(self, parameters: np.ndarray) -> np.ndarray:
-        values = checked_parameters(parameters, self.parameter_names)
+        values = check_parameters(parameters, self.parameter_names)
         slopes = np.zeros((len(self.mesh.vertices), 3, 2))
         slopes[:, 2] = self._shapes * np.cos(values)
         return slopes
@@ -80,10 +80,10 @@ class BlendshapeRig:
         )
 
     def deform(self, parameters: np.ndarray) -> np.ndarray:
-        return evaluate(self._compiled, checked_parameters(parameters, self.parameter_names))
+        return evaluate(self._compiled, check_parameters(parameters, self.parameter_names))
 
     def jacobian(self, parameters: np.ndarray) -> np.ndarray:
-        values = checked_parameters(parameters, self.parameter_names)
+        values = check_parameters(parameters, self.parameter_names)
         return evaluate_jacobian(self._compiled, values)[1]
 
     def compile(self, vertex_ids: IndexArray) -> CompiledRig:
@@ -91,7 +91,9 @@ class BlendshapeRig:
 
 
 def reshaped() -> Mesh:
-    return reshape_head(built_in_head(), width=1.1, lower_face=1.15, mouth_width=0.9, size=0.95)
+    return reshape_head(
+        load_built_in_head(), width=1.1, lower_face=1.15, mouth_width=0.9, size=0.95
+    )
 
 
 MAKERS: dict[str, Callable[[], Rig]] = {
@@ -270,12 +272,12 @@ class TestCompiledRig:
 
 class TestParametersFrom:
     def test_names_in_any_order_and_zero_for_the_rest(self) -> None:
-        values = parameters_from({"jaw_shift": 1, "lip_rounding": 0.5}, NAMES)
+        values = to_parameters({"jaw_shift": 1, "lip_rounding": 0.5}, NAMES)
         assert values.tolist() == [0, 0.5, 0, 0, 0, 0, 0, 0, 0, 1]
 
     def test_an_unknown_name_is_refused(self) -> None:
         with pytest.raises(DataError, match=r"no face parameter jaw_open .*jaw_rotation"):
-            parameters_from({"jaw_open": 1}, NAMES)
+            to_parameters({"jaw_open": 1}, NAMES)
 
 
 # ---- what the built-in rig's gestures do --------------------------------------------------------
@@ -283,24 +285,24 @@ class TestParametersFrom:
 
 def moved(rig: Rig, **values: float) -> np.ndarray:
     """How far each vertex moves, (vertices, 3)."""
-    return rig.deform(parameters_from(values, rig.parameter_names)) - rig.mesh.vertices
+    return rig.deform(to_parameters(values, rig.parameter_names)) - rig.mesh.vertices
 
 
 def at(rig: Rig, displacement: np.ndarray, point: str) -> np.ndarray:
-    return np.asarray(displacement[rig.mesh.feature_point(point)])
+    return np.asarray(displacement[rig.mesh.get_feature_point(point)])
 
 
 def mirror_map(mesh: Mesh) -> np.ndarray:
     """Index of the mirror image of every vertex of the parts that move."""
     pairs = np.arange(len(mesh.vertices))
     for name in ("skin", "teeth_upper", "teeth_lower", "gums_lower", "tongue"):
-        members = mesh.region(name)
+        members = mesh.get_region(name)
         distance, index = cKDTree(mesh.vertices[members]).query(mesh.vertices[members] * [-1, 1, 1])
         assert distance.max() < 1e-4
         pairs[members] = members[index]
     # Where the lips touch, the nearest vertex may be of the other lip.
     for name in ("upper_lip", "lower_lip", "mouth_bag_upper", "mouth_bag_lower"):
-        members = mesh.region(name)
+        members = mesh.get_region(name)
         tree = cKDTree(mesh.vertices[members])
         pairs[members] = members[tree.query(mesh.vertices[members] * [-1, 1, 1])[1]]
     return pairs
@@ -309,11 +311,11 @@ def mirror_map(mesh: Mesh) -> np.ndarray:
 def turned_away(rig: Rig, vertices: np.ndarray) -> np.ndarray:
     """Cosine between each outer skin triangle's direction and the one at rest."""
     mesh = rig.mesh
-    skin = mesh.part("skin").triangles
+    skin = mesh.get_part("skin").triangles
     triangles = mesh.triangles[skin.start : skin.stop]
     inside = np.zeros(len(mesh.vertices), dtype=bool)
     for name in ("mouth_bag_upper", "mouth_bag_lower"):
-        inside[mesh.region(name)] = True
+        inside[mesh.get_region(name)] = True
     triangles = triangles[~inside[triangles].all(axis=1)]
     directions = []
     for shape in (mesh.vertices, vertices):
@@ -334,8 +336,8 @@ class TestGestures:
         assert at(rig, change, "2.1")[2] < -10
         assert np.linalg.norm(at(rig, change, "2.2")) < 0.2
         for still in ("teeth_upper", "gums_upper", "nose", "forehead", "scalp", "eye_left"):
-            assert np.abs(change[rig.mesh.region(still)]).max() < 1e-9
-        assert change[rig.mesh.region("teeth_lower"), 1].max() < -8
+            assert np.abs(change[rig.mesh.get_region(still)]).max() < 1e-9
+        assert change[rig.mesh.get_region("teeth_lower"), 1].max() < -8
         # The corners go a part of the way.
         assert -14 < at(rig, change, "8.3")[1] < -5
 
@@ -343,48 +345,46 @@ class TestGestures:
     def test_what_is_no_part_of_speech_stays(self, rig: Rig, name: str) -> None:
         change = np.linalg.norm(moved(rig, **{name: 1}), axis=1)
         for still in ("forehead", "scalp", "eye_left", "eye_right", "brow_left", "teeth_upper"):
-            assert change[rig.mesh.region(still)].max() < 1e-9
-        assert change[rig.mesh.feature_point("9.3")] < 0.5
+            assert change[rig.mesh.get_region(still)].max() < 1e-9
+        assert change[rig.mesh.get_feature_point("9.3")] < 0.5
         low = rig.mesh.vertices[:, 1] < rig.mesh.vertices[:, 1].min() + 15
         assert change[low].max() < 1e-9
 
     def test_the_chin_goes_on_an_arc_about_the_ears(self, rig: Rig) -> None:
         ears = np.mean(
-            [rig.mesh.vertices[rig.mesh.feature_point(p)] for p in ("10.7", "10.8")], axis=0
+            [rig.mesh.vertices[rig.mesh.get_feature_point(p)] for p in ("10.7", "10.8")], axis=0
         )
-        chin = rig.mesh.feature_point("2.1")
+        chin = rig.mesh.get_feature_point("2.1")
         arms = [
-            np.linalg.norm(rig.deform(parameters_from({"jaw_rotation": value}, NAMES))[chin] - ears)
+            np.linalg.norm(rig.deform(to_parameters({"jaw_rotation": value}, NAMES))[chin] - ears)
             for value in np.linspace(0, 1, 5)
         ]
         assert np.ptp(arms) < 0.1 * arms[0]
 
     @pytest.mark.parametrize("gesture", ["jaw_rotation", "jaw_thrust", "jaw_shift"])
     def test_lower_teeth_and_gums_are_rigid_with_the_jaw(self, rig: Rig, gesture: str) -> None:
-        shape = rig.deform(parameters_from({gesture: 0.8}, NAMES))
-        chin = rig.mesh.feature_point("2.1")
+        shape = rig.deform(to_parameters({gesture: 0.8}, NAMES))
+        chin = rig.mesh.get_feature_point("2.1")
         for part in ("teeth_lower", "gums_lower"):
-            members = rig.mesh.region(part)
+            members = rig.mesh.get_region(part)
             before = np.linalg.norm(rig.mesh.vertices[members] - rig.mesh.vertices[chin], axis=1)
             after = np.linalg.norm(shape[members] - shape[chin], axis=1)
             np.testing.assert_allclose(after, before, atol=1e-9)
 
     def test_the_tongue_stays_on_the_jaw(self, rig: Rig) -> None:
-        tongue, teeth = rig.mesh.region("tongue"), rig.mesh.region("teeth_lower")
-        shapes = [
-            rig.deform(parameters_from({"jaw_rotation": value}, NAMES)) for value in (0.0, 1.0)
-        ]
+        tongue, teeth = rig.mesh.get_region("tongue"), rig.mesh.get_region("teeth_lower")
+        shapes = [rig.deform(to_parameters({"jaw_rotation": value}, NAMES)) for value in (0.0, 1.0)]
         gaps = [shape[teeth, 2].max() - shape[tongue, 2].max() for shape in shapes]
         assert min(gaps) > 0
         heights = [shape[tongue, 1].mean() - shape[teeth, 1].mean() for shape in shapes]
         assert abs(heights[1] - heights[0]) < 6
 
     def test_the_lips_can_close_over_an_open_jaw(self, rig: Rig) -> None:
-        lips_only = rig.compile(np.array([rig.mesh.feature_point(p) for p in ("2.2", "2.3")]))
+        lips_only = rig.compile(np.array([rig.mesh.get_feature_point(p) for p in ("2.2", "2.3")]))
         assert lips_only is not None
 
         def gap(lips: np.ndarray) -> float:
-            values = parameters_from(
+            values = to_parameters(
                 {
                     "jaw_rotation": 0.25,
                     "lower_lip_depression": lips[0],
@@ -426,7 +426,7 @@ class TestGestures:
     ) -> None:
         change = moved(rig, **{name: 1})
         assert sign * at(rig, change, own)[0] > 5
-        assert sign * rig.mesh.vertices[rig.mesh.feature_point(own), 0] > 0
+        assert sign * rig.mesh.vertices[rig.mesh.get_feature_point(own), 0] > 0
         assert np.linalg.norm(at(rig, change, other)) < 1e-9
         assert np.linalg.norm(at(rig, change, "2.2")) < 0.5
 
@@ -449,10 +449,10 @@ class TestGestures:
     ) -> None:
         change = moved(rig, **{name: 1})
         mesh = rig.mesh
-        shared = np.intersect1d(mesh.region(moving), mesh.region(still))
-        quiet = np.setdiff1d(mesh.region(still), shared)
+        shared = np.intersect1d(mesh.get_region(moving), mesh.get_region(still))
+        quiet = np.setdiff1d(mesh.get_region(still), shared)
         assert np.abs(change[quiet]).max() < 1e-9
-        whole = np.setdiff1d(mesh.region(moving), shared)
+        whole = np.setdiff1d(mesh.get_region(moving), shared)
         # The whole lip goes, not its middle alone: out to half-way to the corners.
         inner = whole[np.abs(mesh.vertices[whole, 0]) < 12.5]
         along = sign * change[inner, axis]
@@ -471,9 +471,9 @@ class TestGestures:
 
     def test_brows_go_with_the_skin(self, rig: Rig) -> None:
         slopes = rig.jacobian(np.zeros(10))
-        skin = rig.mesh.region("skin")
+        skin = rig.mesh.get_region("skin")
         for brow in ("brow_left", "brow_right"):
-            members = rig.mesh.region(brow)
+            members = rig.mesh.get_region(brow)
             apart = np.linalg.norm(
                 rig.mesh.vertices[members[:, None]] - rig.mesh.vertices[skin], axis=2
             )
@@ -484,14 +484,14 @@ class TestGestures:
     @pytest.mark.parametrize("name", NAMES)
     def test_no_skin_turns_inside_out_in_a_gesture(self, rig: Rig, name: str) -> None:
         for value in (1.0, max(-0.5, rig.bounds[NAMES.index(name), 0])):
-            shape = rig.deform(parameters_from({name: value}, NAMES))
+            shape = rig.deform(to_parameters({name: value}, NAMES))
             assert turned_away(rig, shape).min() > 0
 
     def test_the_floor_of_the_mouth_goes_with_the_jaw_and_its_roof_stays(self, rig: Rig) -> None:
         # Else the skin of the mouth's floor comes up through the tongue when the mouth opens.
         shift = moved(rig, jaw_shift=1)
-        bone = shift[rig.mesh.region("teeth_lower")].mean(axis=0)
-        floor, roof = (shift[rig.mesh.region(name)] for name in ("mouth_floor", "mouth_roof"))
+        bone = shift[rig.mesh.get_region("teeth_lower")].mean(axis=0)
+        floor, roof = (shift[rig.mesh.get_region(name)] for name in ("mouth_floor", "mouth_roof"))
         np.testing.assert_allclose(floor, np.tile(bone, (len(floor), 1)), atol=0.01)
         np.testing.assert_allclose(roof, 0.0, atol=0.01)
 
@@ -507,9 +507,9 @@ class TestGestures:
         [{"size": 0.9}, {"width": 1.12, "lower_face": 0.9}, {"mouth_width": 1.2, "depth": 0.9}],
     )
     def test_gestures_grow_with_the_head(self, rig: Rig, warp: dict[str, float]) -> None:
-        other = load_face(mesh=reshape_head(built_in_head(), **warp))
-        corners = [rig.mesh.feature_point(p) for p in ("8.3", "8.4")]
-        face = [rig.mesh.feature_point(p) for p in ("9.15", "2.1")]
+        other = load_face(mesh=reshape_head(load_built_in_head(), **warp))
+        corners = [rig.mesh.get_feature_point(p) for p in ("8.3", "8.4")]
+        face = [rig.mesh.get_feature_point(p) for p in ("9.15", "2.1")]
         across = np.divide(*(np.ptp(r.mesh.vertices[corners, 0]) for r in (other, rig)))
         up = np.divide(*(np.ptp(r.mesh.vertices[face, 1]) for r in (other, rig)))
         growth = [across, up, (across + up) / 2]
@@ -520,4 +520,4 @@ class TestGestures:
         ):
             here, there = (at(r, moved(r, **{name: 1}), point) for r in (rig, other))
             np.testing.assert_allclose(there, growth * here, atol=0.1)
-            assert turned_away(other, other.deform(parameters_from({name: 1}, NAMES))).min() > 0
+            assert turned_away(other, other.deform(to_parameters({name: 1}, NAMES))).min() > 0

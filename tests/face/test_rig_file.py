@@ -11,10 +11,10 @@ import pytest
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.face import Mesh, load_face
 from mocap_fit.face import rig_file as rig_file_module
-from mocap_fit.face.builtin import built_in_head
+from mocap_fit.face.builtin import load_built_in_head
 from mocap_fit.face.parke import ParkeRig
-from mocap_fit.face.rig_file import read_rig_file, shipped_rigs
-from mocap_fit.face.rig_tables import Point, surface_distance
+from mocap_fit.face.rig_file import list_shipped_rigs, read_rig_file
+from mocap_fit.face.rig_tables import Point, compute_surface_distance
 
 FACES = Path(__file__).parents[2] / "fixtures" / "faces"
 
@@ -381,7 +381,7 @@ class TestRefusals:
 
 class TestWhatIsTaken:
     def test_the_shipped_rig_is_there(self) -> None:
-        assert shipped_rigs() == ("parke",)
+        assert list_shipped_rigs() == ("parke",)
         assert len(read_rig_file("parke").parameters) == 10
 
     def test_dotted_and_quoted_names_are_the_same(self, tmp_path: Path) -> None:
@@ -432,7 +432,7 @@ class TestWhatIsTaken:
         moved = rig.deform([1.0]) - mesh.vertices
         # The right corner has no share, the left one loses its own to `1 - all`.
         assert np.abs(moved[[56, 70]]).max() == 0
-        tooth = mesh.region("LowerTeeth")[0]
+        tooth = mesh.get_region("LowerTeeth")[0]
         arm = mesh.vertices[tooth] - [0, 10, 20]
         angle = np.radians(5)
         turned = [
@@ -449,15 +449,15 @@ class TestWhatIsTaken:
         np.testing.assert_allclose(rig_file.scales_on(mesh), width / 50)
         shapes = [
             load_face("parke", mesh=other).deform(np.full(10, 0.5))
-            for other in (named(mesh), named(mesh.with_vertices(1.5 * mesh.vertices)))
+            for other in (named(mesh), named(mesh.replace_vertices(1.5 * mesh.vertices)))
         ]
         np.testing.assert_allclose(shapes[1], 1.5 * shapes[0], atol=1e-6)
 
     def test_each_axis_has_its_scale_where_the_base_of_the_nose_is_known(self) -> None:
-        rig_file, mesh = read_rig_file("parke"), built_in_head()
+        rig_file, mesh = read_rig_file("parke"), load_built_in_head()
         own = rig_file.scales_on(mesh)
         np.testing.assert_allclose(own, own[0], rtol=2e-4)
-        long = mesh.with_vertices(mesh.vertices * [0.9, 1.2, 1.0])
+        long = mesh.replace_vertices(mesh.vertices * [0.9, 1.2, 1.0])
         np.testing.assert_allclose(rig_file.scales_on(long) / own, [0.9, 1.2, 1.05], rtol=1e-4)
         noseless = {k: v for k, v in mesh.feature_points.items() if k != "9.15"}
         without = replace(long, feature_points=noseless)
@@ -466,8 +466,8 @@ class TestWhatIsTaken:
         np.testing.assert_allclose(one_length.scales_on(long), 0.9 * own[0])
 
     def test_a_chin_above_the_nose_is_refused(self) -> None:
-        mesh = built_in_head()
-        points = {**mesh.feature_points, "9.15": mesh.feature_point("8.2")}
+        mesh = load_built_in_head()
+        points = {**mesh.feature_points, "9.15": mesh.get_feature_point("8.2")}
         with pytest.raises(
             ConfigurationError, match=r"2\.1, is not well below .* 9\.15.*leave 9\.15"
         ):
@@ -496,7 +496,7 @@ class TestWhatIsTaken:
         text = text.replace('{ value = 0, feature_points = "8.4" }', "{ value = 0, above = '8.3' }")
         rig = load_face(written(tmp_path, text.replace('multiply = "1 - all"\n', "")))
         slopes = np.linalg.norm(rig.jacobian([0.0])[:, :, 0], axis=1)
-        skin, height = rig.mesh.region("skin"), rig.mesh.vertices[:, 1]
+        skin, height = rig.mesh.get_region("skin"), rig.mesh.vertices[:, 1]
         above = skin[height[skin] > height[56]]
         below = skin[height[skin] < height[56]]
         assert slopes[above].max() == 0
@@ -516,14 +516,14 @@ def named(mesh: Mesh) -> Mesh:
 
 def test_distance_along_the_surface_goes_round_the_mouth() -> None:
     mesh = load_face(FACES / "mask.toml").mesh
-    upper, lower = mesh.feature_point("2.2"), mesh.feature_point("2.3")
+    upper, lower = mesh.get_feature_point("2.2"), mesh.get_feature_point("2.3")
     assert np.linalg.norm(mesh.vertices[upper] - mesh.vertices[lower]) < 1e-3
-    distance = surface_distance(mesh, upper)
+    distance = compute_surface_distance(mesh, upper)
     assert distance[upper] == 0
     # Round the corner, or through the back of the mouth.
     assert distance[lower] > 20
-    assert np.isinf(distance[mesh.region("teeth_lower")]).all()
-    several = surface_distance(mesh, [upper, lower])
+    assert np.isinf(distance[mesh.get_region("teeth_lower")]).all()
+    several = compute_surface_distance(mesh, [upper, lower])
     np.testing.assert_allclose(
-        several, np.minimum(distance, surface_distance(mesh, lower)), atol=1e-12
+        several, np.minimum(distance, compute_surface_distance(mesh, lower)), atol=1e-12
     )

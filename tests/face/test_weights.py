@@ -158,13 +158,13 @@ class TestOnTheBuiltInHead:
         opened = rig.jacobian(np.zeros(10))[:, 1, 0]
         mesh = rig.mesh
         for upper, lower in (("2.2", "2.3"), ("2.6", "2.8"), ("2.7", "2.9")):
-            up, down = mesh.feature_point(upper), mesh.feature_point(lower)
+            up, down = mesh.get_feature_point(upper), mesh.get_feature_point(lower)
             assert np.linalg.norm(mesh.vertices[up] - mesh.vertices[down]) < 0.5
             assert opened[down] - opened[up] < -15
 
     def test_the_jaw_weight_has_no_step_on_the_skin(self, rig: Rig) -> None:
         mesh = rig.mesh
-        skin = mesh.part("skin").triangles
+        skin = mesh.get_part("skin").triangles
         triangles = mesh.triangles[skin.start : skin.stop]
         edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
         # What the shift of the jaw moves is the jaw's weight itself, times 8 mm.

@@ -110,11 +110,13 @@ def test_lips_never_exchange_markers(face: Rig) -> None:
     lower = LayoutMarker(name="lower", feature_point="2.3", region=("lower_lip",))
     layout = Layout(markers=(*strategic, upper, lower))
     mesh = face.mesh
-    seam = mesh.vertices[[mesh.feature_point("2.2"), mesh.feature_point("2.3")]].mean(axis=0)
+    seam = mesh.vertices[[mesh.get_feature_point("2.2"), mesh.get_feature_point("2.3")]].mean(
+        axis=0
+    )
     rng = np.random.default_rng(0)
     opened = np.zeros(10)
     opened[0] = 1.0
-    fixed = mesh.vertices[[mesh.feature_point(n) for n in ("8.3", "8.4", "9.3")]]
+    fixed = mesh.vertices[[mesh.get_feature_point(n) for n in ("8.3", "8.4", "9.3")]]
     for _ in range(20):
         # Both markers in one place, now on this side of the seam, now on that.
         both = np.tile(seam + rng.normal(0, 0.3, 3), (2, 1))

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from mocap_fit.errors import ConfigurationError
-from mocap_fit.face import Rig, parameters_from
+from mocap_fit.face import Rig, to_parameters
 from mocap_fit.fitting import load_layout, shipped_layouts
 
 MARKERS = """
@@ -40,12 +40,12 @@ def test_shipped_layouts_are_what_they_say(name: str, face: int, head: int) -> N
 @pytest.mark.parametrize("name", shipped_layouts())
 def test_shipped_layouts_fit_the_built_in_head(name: str, face: Rig) -> None:
     layout = load_layout(name)
-    parameters_from(layout.reference_parameters, face.parameter_names)
+    to_parameters(layout.reference_parameters, face.parameter_names)
     for marker in layout.face_markers:
         if marker.feature_point is not None:
-            assert face.mesh.feature_point(marker.feature_point) >= 0
+            assert face.mesh.get_feature_point(marker.feature_point) >= 0
         for region in marker.region:
-            assert face.mesh.region(region).size > 0
+            assert face.mesh.get_region(region).size > 0
 
 
 def test_a_layout_of_ones_own_takes_the_name_of_its_file(tmp_path: Path) -> None:

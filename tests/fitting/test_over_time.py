@@ -448,7 +448,7 @@ def test_lip_closures_stay_closed(binding: Binding, face: Rig, make_tracks, obje
     made = noisy(make_tracks(binding, truth).select(binding.names), 0.3)
     alone = fit_shape(binding, made, objective=objective)
     smooth = fit_over_time(binding, made, alone, objective=objective)
-    upper, lower = (face.mesh.feature_point(name) for name in ("2.2", "2.3"))
+    upper, lower = (face.mesh.get_feature_point(name) for name in ("2.2", "2.3"))
     near = np.zeros(len(times), dtype=bool)
     for start, end in spans:
         near |= (times >= start - 0.05) & (times <= end + 0.05)

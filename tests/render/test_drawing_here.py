@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mocap_fit.errors import MissingExtraError
-from mocap_fit.face.builtin import built_in_head
+from mocap_fit.face.builtin import load_built_in_head
 from mocap_fit.render import FaceScene, require_off_screen
 
 SIZE = (240, 300)
@@ -15,11 +15,11 @@ SIZE = (240, 300)
 
 @pytest.mark.parametrize("view", ["front", "three-quarter", "side"])
 def test_points_are_projected_to_where_they_are_drawn(view):
-    head = built_in_head()
-    centre = head.vertices[head.feature_point("9.3")] * (0, 1, 0)
+    head = load_built_in_head()
+    centre = head.vertices[head.get_feature_point("9.3")] * (0, 1, 0)
     with FaceScene(head, view=view, size=SIZE, zoom=0.9, centre=centre) as scene:
         plain = scene.image()
-        tip = head.vertices[head.feature_point("9.3")] + np.array([0, 0, 2])
+        tip = head.vertices[head.get_feature_point("9.3")] + np.array([0, 0, 2])
         place = scene.project(tip[None])[0]
         changed = np.argwhere((scene.image(markers=tip[None]) != plain).any(axis=2))
         # Rows are down and columns across; a pixel's centre is half a pixel from its corner.
@@ -47,7 +47,7 @@ class TestWithoutEgl:
         with pytest.raises(MissingExtraError, match="apt-get install libegl1"):
             require_off_screen()
         with pytest.raises(MissingExtraError, match=r"libEGL\.so\.1"):
-            FaceScene(built_in_head())
+            FaceScene(load_built_in_head())
 
     def test_a_display_will_do(self, monkeypatch):
         monkeypatch.setenv("DISPLAY", ":0")

@@ -156,10 +156,10 @@ class TestFap:
     def test_units_are_distances_of_the_face(self, rig):
         """The mouth as wide again as it was: each corner out by half, 512 of 1024."""
         mesh = rig.mesh
-        width = mesh.vertices[mesh.feature_point("8.3"), 0] * 2
+        width = mesh.vertices[mesh.get_feature_point("8.3"), 0] * 2
         row = np.zeros((1, 10))
         row[0, rig.parameter_names.index("left_corner_stretch")] = 0.8
-        left = mesh.feature_point("8.3")
+        left = mesh.get_feature_point("8.3")
         out = rig.deform(row[0])[left, 0] - mesh.vertices[left, 0]
         faps, values = facial_animation_parameters(
             ParameterTracks(rig.parameter_names, 25, row), rig

@@ -5,7 +5,7 @@ import pytest
 
 from mocap_fit.face import load_face
 from mocap_fit.face.mesh import Material, Mesh, Part
-from mocap_fit.face.rig import parameters_from
+from mocap_fit.face.rig import to_parameters
 from mocap_fit.render.lighting import Lighting
 from mocap_fit.render.scene import _closed_and_outside_out, _half_as_large, _seen_from_outside
 
@@ -65,10 +65,10 @@ def test_light_comes_into_the_mouth_as_it_opens(rig, lighting):
     names = rig.parameter_names
     seen = {}
     for opening in (0.0, 0.2, 0.9):
-        vertices = rig.deform(parameters_from({"jaw_rotation": opening}, names))
+        vertices = rig.deform(to_parameters({"jaw_rotation": opening}, names))
         colours = lighting.colours(vertices, CAMERA).astype(float).mean(axis=1)
         seen[opening] = [
-            colours[rig.mesh.region(part)].mean()
+            colours[rig.mesh.get_region(part)].mean()
             for part in ("tongue", "mouth_roof", "teeth_upper")
         ]
     assert seen[0.0] < seen[0.2] < seen[0.9]
@@ -89,9 +89,9 @@ def test_only_what_is_closed_with_its_outside_out_loses_its_back(rig):
     half = mesh.triangles[: len(mesh.triangles) // 2]
     assert not _closed_and_outside_out(mesh.vertices, half[:, ::-1])
     assert len(_seen_from_outside(mesh)) == len(mesh.triangles)
-    skin = rig.mesh.part("skin").triangles
+    skin = rig.mesh.get_part("skin").triangles
     assert _closed_and_outside_out(rig.mesh.vertices, rig.mesh.triangles[skin.start : skin.stop])
-    lashes = rig.mesh.part("lashes_left").triangles
+    lashes = rig.mesh.get_part("lashes_left").triangles
     assert not _closed_and_outside_out(
         rig.mesh.vertices, rig.mesh.triangles[lashes.start : lashes.stop]
     )

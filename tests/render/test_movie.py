@@ -174,7 +174,7 @@ def test_heads_views_labels_subtitles_and_curves_have_their_places(rig, tmp_path
 
 
 def test_markers_are_drawn_over_the_head_where_they_are(rig, tmp_path):
-    nose = rig.mesh.vertices[rig.mesh.feature_point("9.3")] + np.array([0, 0, 3.0])
+    nose = rig.mesh.vertices[rig.mesh.get_feature_point("9.3")] + np.array([0, 0, 3.0])
     positions = np.stack([nose[None], np.full((1, 3), np.nan)])
     markers = MarkerTracks(("nose",), 25.0, positions, start_time=0.02)
     still = jaw(np.zeros(2))
@@ -237,11 +237,13 @@ class TestLiveliness:
         lively = LivelyFace(mesh)
         closed = lively.moved(mesh.vertices, 1.0, np.zeros(3), np.zeros(3))
         for upper, lower in (("3.1", "3.3"), ("3.2", "3.4")):
-            gap = closed[mesh.feature_point(upper), 1] - closed[mesh.feature_point(lower), 1]
+            gap = (
+                closed[mesh.get_feature_point(upper), 1] - closed[mesh.get_feature_point(lower), 1]
+            )
             assert abs(gap) < 0.8
         allowed = np.concatenate(
             [
-                mesh.region(f"{part}_{side}")
+                mesh.get_region(f"{part}_{side}")
                 for part in ("eyelids", "lashes", "eye")
                 for side in ("left", "right")
             ]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mocap_fit.errors import DataError
-from mocap_fit.face.builtin import built_in_head
+from mocap_fit.face.builtin import load_built_in_head
 from mocap_fit.face.mesh import Mesh
 from mocap_fit.render import FaceScene, render_face
 from mocap_fit.render.scene import vertex_normals
@@ -18,7 +18,7 @@ SIZE = (160, 200)
 
 @pytest.fixture(scope="module")
 def head(tmp_path_factory) -> Mesh:
-    return built_in_head()
+    return load_built_in_head()
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def scene(head):
 def opened(head: Mesh, by: float = 12.0) -> np.ndarray:
     """The head with its lower lip pulled down."""
     vertices = head.vertices.copy()
-    vertices[head.region("lower_lip"), 1] -= by
+    vertices[head.get_region("lower_lip"), 1] -= by
     return vertices
 
 
@@ -63,7 +63,7 @@ def test_shading_follows_the_shape(head):
     """A cheek that is pushed in is lit otherwise, though its outline stays."""
     vertices = head.vertices.copy()
     for name in ("5.1", "5.2"):
-        away = vertices - head.vertices[head.feature_point(name)]
+        away = vertices - head.vertices[head.get_feature_point(name)]
         vertices[:, 2] -= 6 * np.exp(-((away / 10) ** 2).sum(axis=1))
     difference = np.abs(
         render_face(head, vertices, size=SIZE).astype(int) - render_face(head, size=SIZE)
@@ -99,7 +99,7 @@ def test_side_view_shows_the_speakers_left(head):
 
 def test_markers_are_drawn_where_they_are_and_missing_ones_are_not(scene, head):
     plain = scene.image()
-    tip = head.vertices[head.feature_point("9.3")]
+    tip = head.vertices[head.get_feature_point("9.3")]
     marked = scene.image(markers=(tip + np.array([0, 0, 2]))[None])
     changed = np.argwhere((marked != plain).any(axis=2))
     assert len(changed) > 3
@@ -110,7 +110,7 @@ def test_markers_are_drawn_where_they_are_and_missing_ones_are_not(scene, head):
 
 
 def test_zoom_and_centre_come_closer(head):
-    lips = head.vertices[head.feature_point("8.1")]
+    lips = head.vertices[head.get_feature_point("8.1")]
     near = render_face(head, size=SIZE, zoom=5.0, centre=lips).astype(int)
     # Nothing but skin and lips is left in the picture.
     assert ((near[..., 0] - near[..., 2]) > 5).mean() > 0.95

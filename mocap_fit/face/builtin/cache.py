@@ -33,7 +33,7 @@ _UNREADABLE = (
 )
 
 
-def cache_folder() -> Path:
+def get_cache_folder() -> Path:
     """The folder that mocap-fit may keep things in, and rebuild them from nothing.
 
     It is ``MOCAP_FIT_CACHE`` if that is set, or the platform's place for such things.

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mocap_fit.face.builtin.cache import cache_folder, load_mesh, save_mesh, source_key
+from mocap_fit.face.builtin.cache import get_cache_folder, load_mesh, save_mesh, source_key
 from mocap_fit.face.mesh import Mesh
 
 
-def built_in_head(*, use_cache: bool = True) -> Mesh:
+def load_built_in_head(*, use_cache: bool = True) -> Mesh:
     """The head that comes with mocap-fit: neutral, mirror-symmetric, lips closed.
 
     It is made in code (about a second) and kept in the user's cache folder, or the folder that
@@ -30,7 +30,7 @@ def built_in_head(*, use_cache: bool = True) -> Mesh:
     if use_cache:
         here = Path(__file__).parent
         key = source_key(here.parent / "mesh.py", *here.glob("*.py"))
-        path = cache_folder() / f"head-{key}.npz"
+        path = get_cache_folder() / f"head-{key}.npz"
         kept = load_mesh(path)
         if kept is not None:
             return kept

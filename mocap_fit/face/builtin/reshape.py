@@ -63,11 +63,11 @@ def reshape_head(
                 expected=f"{_SMALLEST} to {_LARGEST}",
             )
     vertices = mesh.vertices.copy()
-    corners = mesh.vertices[[mesh.feature_point("8.3"), mesh.feature_point("8.4")]]
+    corners = mesh.vertices[[mesh.get_feature_point("8.3"), mesh.get_feature_point("8.4")]]
     vertices[:, 0] *= 1 + (mouth_width - 1) * _near_mouth(vertices, corners.mean(axis=0))
-    nose_base = mesh.vertices[mesh.feature_point("9.15"), 1]
+    nose_base = mesh.vertices[mesh.get_feature_point("9.15"), 1]
     vertices[:, 1] -= (lower_face - 1) * _below(vertices[:, 1], nose_base)
-    return mesh.with_vertices(vertices * (size * np.array([width, height, depth])))
+    return mesh.replace_vertices(vertices * (size * np.array([width, height, depth])))
 
 
 def _near_mouth(vertices: FloatArray, centre: FloatArray) -> FloatArray:
