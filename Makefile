@@ -19,13 +19,14 @@ endif
 # xdist gives every core a test process; threads of the linear algebra would only get in the way.
 TEST_THREADS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
-.PHONY: help demo test lint types clean distclean
+.PHONY: help demo test lint types mutants clean distclean
 
 help:
 	@echo "make demo    the whole path on made-up data; tables and pictures in demo/"
 	@echo "make test    the quick tests"
 	@echo "make lint    ruff: style and format"
 	@echo "make types   mypy"
+	@echo "make mutants ROOM=tracks   80 small changes of a room: which does no test notice?"
 	@echo "make clean   remove what was made, but not .venv (make distclean removes that too)"
 
 demo: $(VENV)/installed-all
@@ -40,6 +41,9 @@ lint: $(VENV)/installed-dev
 
 types: $(VENV)/installed-dev
 	$(BIN)/mypy
+
+mutants: $(VENV)/installed-dev
+	$(BIN)/python tests/mutants.py $(ROOM)
 
 $(VENV)/created:
 	@if [ -z "$(PYTHON)" ] || ! "$(PYTHON)" -c '$(NEW_ENOUGH)'; then \
