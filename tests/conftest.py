@@ -8,6 +8,7 @@ from types import ModuleType
 import hypothesis
 import numpy as np
 import pytest
+from hypothesis.internal.conjecture import providers
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 
@@ -16,6 +17,9 @@ FIXTURES = Path(__file__).parents[1] / "fixtures"
 hypothesis.settings.register_profile("same", derandomize=True)
 hypothesis.settings.register_profile("draw", derandomize=False)
 hypothesis.settings.load_profile("same")
+# Hypothesis also draws constants that it finds in our modules which happen to be imported, so that
+# a test would see other examples alone than in the suite. It has no setting for that.
+providers.is_local_module_file = lambda path: False
 
 
 @pytest.fixture(scope="session")
