@@ -13,8 +13,8 @@ from hypothesis import given, strategies as st
 drawn = []
 
 @given(st.floats(), st.integers(), st.text())
-def collect(*values):
-    drawn.append(values)
+def collect(number, count, text):
+    drawn.append((number, count, text))
 
 {imports}
 collect()
