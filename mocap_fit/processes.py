@@ -233,35 +233,6 @@ def _send(shared: Any, processes: int, inbox: _Inbox, outbox: Any) -> None:
 
 
 @contextlib.contextmanager
-def beside(work: Callable[[], object]) -> Iterator[None]:
-    """Do some work in a copy of this process while going on here; at the end it is waited for.
-
-    Nothing is done where copies are not safe, or there is one core, and what goes wrong is not
-    told: it must be work of which only time is lost when it is not done, such as filling a cache.
-    """
-    # A daemon, such as a process of `multiprocessing.Pool`, may have no processes of its own.
-    alone = available_processes() < 2 or multiprocessing.current_process().daemon
-    if alone or start_method() != "fork":
-        yield
-        return
-    context = multiprocessing.get_context("fork")
-    copy = context.Process(target=_quietly, args=(work,), daemon=True)
-    with _without_interrupt():
-        copy.start()
-    try:
-        yield
-        copy.join()
-    finally:
-        copy.kill()
-        copy.join()
-
-
-def _quietly(work: Callable[[], object]) -> None:
-    with contextlib.suppress(Exception):
-        work()
-
-
-@contextlib.contextmanager
 def _without_interrupt() -> Iterator[None]:
     """Start processes that Ctrl-C does not reach: who started them ends them."""
     if not hasattr(signal, "pthread_sigmask"):

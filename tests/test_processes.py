@@ -114,43 +114,6 @@ if __name__ == "__main__":
         print(json.dumps([died, [results[i] for i in range(count) if i not in died]]))
 """
 
-BESIDE = """
-import multiprocessing, os, time
-from pathlib import Path
-from mocap_fit import processes
-
-def filled(name):
-    Path(name).write_text(str(os.getpid()))
-
-def fails():
-    raise ZeroDivisionError("not told")
-
-def from_a_daemon(name):
-    with processes.beside(lambda: filled(name)):
-        pass
-
-if __name__ == "__main__":
-    with processes.beside(lambda: filled("copy")):
-        pass
-    with processes.beside(fails):
-        pass
-    context = multiprocessing.get_context("fork")
-    daemon = context.Process(target=from_a_daemon, args=("daemon",), daemon=True)
-    daemon.start()
-    daemon.join()
-    began = time.monotonic()
-    try:
-        with processes.beside(lambda: time.sleep(60)):
-            raise KeyboardInterrupt
-    except KeyboardInterrupt:
-        ended = time.monotonic() - began < 30 and not multiprocessing.active_children()
-    os.sched_setaffinity(0, list(os.sched_getaffinity(0))[:1])
-    with processes.beside(lambda: filled("one core")):
-        pass
-    made = {path.name: int(path.read_text()) for path in Path().iterdir() if not path.suffix}
-    print(daemon.exitcode, ended, os.getpid() in made.values(), *sorted(made))
-"""
-
 LOADED = """
 from mocap_fit import processes
 processes.limit_threads()
@@ -183,11 +146,6 @@ class TestCopies:
     def test_a_process_without_threads_is_copied_and_one_with_threads_is_not(self, tmp_path):
         """The first also tells of a library that begins a thread when it is imported."""
         assert self.run(LOADED, tmp_path).split() == ["fork", "spawn"]
-
-    @pytest.mark.skipif(processes.available_processes() < 2, reason="there is one core")
-    def test_work_beside_is_done_by_a_copy_and_waited_for(self, tmp_path):
-        found = self.run(BESIDE, tmp_path).strip()
-        assert found == "0 True False copy"
 
     def test_copies_have_what_is_loaded_and_one_that_dies_is_named(self, tmp_path):
         whole, with_a_death = map(json.loads, self.run(BY_COPIES, tmp_path).splitlines())

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import tempfile
+import time
 import traceback
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -14,12 +16,13 @@ from typing import Any
 import numpy as np
 
 from corpus_tools.cli import console
-from corpus_tools.conversion import long_recording
-from corpus_tools.conversion.long_recording import STEP, timed
 from corpus_tools.conversion.speaker import Options, Speaker
 from mocap_fit.errors import MocapFitError, MocapFitWarning
 from mocap_fit.io import read_tracks
-from mocap_fit.tracks import ParameterTracks, read_provenance, write_parquet
+from mocap_fit.tracks import FloatArray, ParameterTracks, read_provenance, write_parquet
+
+STEP = "fit_recording"
+"""The last step in the provenance of a result: what it was made from, and what came of it."""
 
 # What a result's last step says that the report says too.
 _REPORTED = (
@@ -78,6 +81,14 @@ class Outcome:
     traceback: str | None = None
 
 
+@contextlib.contextmanager
+def timed(seconds: dict[str, float], part: str) -> Iterator[None]:
+    """Add the time that is spent inside to a part's."""
+    began = time.perf_counter()
+    yield
+    seconds[part] = seconds.get(part, 0.0) + time.perf_counter() - began
+
+
 def fit_here(task: Task, pair: tuple[Path, Path], told: Callable[[int, int], object]) -> Outcome:
     """Fit a recording that this process can read, and write the result.
 
@@ -100,11 +111,6 @@ def fit_here(task: Task, pair: tuple[Path, Path], told: Callable[[int, int], obj
             figures = None if task.fresh else kept(target, made_from)
         if figures is not None:
             return Outcome(figures)
-        if long_recording.is_one(task.speaker, task.options, file):
-            arguments = long_recording.fit(
-                task.speaker, task.options, file, target, made_from, told, seconds
-            )
-            return Outcome(_figures(arguments))
         tracks = _fitted(task, file, made_from, told, seconds)
         with timed(seconds, "writing"):
             write_parquet(tracks, target)
@@ -215,7 +221,7 @@ def _fitted(
             still, task.options, lambda frames: told(frames, still.frames)
         )
     tracks, fitted = result.parameters, result.fitted
-    came_of_it = long_recording.summary(
+    came_of_it = _summary(
         made_from,
         residuals=tracks.residuals,
         uncertain_frames=int(tracks.uncertain.any(axis=1).sum()),
@@ -225,6 +231,44 @@ def _fitted(
         head_residual=float(np.nanmedian(motion.residuals)),
     )
     return tracks.with_step(STEP, came_of_it)
+
+
+def _summary(
+    made_from: str,
+    *,
+    residuals: FloatArray,
+    uncertain_frames: int,
+    unfinished_frames: int,
+    evaluations: int,
+    fitted: int,
+    head_residual: float,
+) -> dict[str, Any]:
+    """What the last step of a result says.
+
+    Parameters
+    ----------
+    made_from
+        See `inputs`.
+    residuals
+        `(frames,)`, millimetres; NaN where not fitted.
+    uncertain_frames, unfinished_frames, fitted
+        Numbers of frames.
+    evaluations
+        Of all fitted frames together.
+    head_residual
+        Median over the frames, millimetres.
+    """
+    there = np.isfinite(residuals)
+    return {
+        "inputs": made_from,
+        "frames": len(residuals),
+        "fitted": int(there.sum()),
+        "residual_mm": float(np.median(residuals[there])) if there.any() else float("nan"),
+        "head_residual_mm": head_residual,
+        "uncertain_frames": uncertain_frames,
+        "unfinished_frames": unfinished_frames,
+        "evaluations_per_frame": evaluations / fitted,
+    }
 
 
 def kept(target: Path, made_from: str) -> dict[str, Any] | None:

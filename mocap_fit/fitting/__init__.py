@@ -2,10 +2,10 @@
 
 from mocap_fit.fitting.binding import Binding, bind_markers
 from mocap_fit.fitting.layout import Layout, LayoutMarker, load_layout, shipped_layouts
+from mocap_fit.fitting.memory import check_memory, estimate_memory
 from mocap_fit.fitting.orientation import Orientation, fit_orientation
 from mocap_fit.fitting.over_time import fit_over_time
 from mocap_fit.fitting.shape import ShapeFit, fit_shape
-from mocap_fit.fitting.stretches import StretchFit, StretchFitter
 
 __all__ = [
     "Binding",
@@ -13,9 +13,9 @@ __all__ = [
     "LayoutMarker",
     "Orientation",
     "ShapeFit",
-    "StretchFit",
-    "StretchFitter",
     "bind_markers",
+    "check_memory",
+    "estimate_memory",
     "fit_orientation",
     "fit_over_time",
     "fit_shape",

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from contextlib import nullcontext
-from pathlib import Path
-
 import nlopt
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +21,6 @@ from mocap_fit.fitting.solving import (
     Solved,
     variable_scale,
 )
-from mocap_fit.processes import beside
 from mocap_fit.tracks import FloatArray
 
 # Newton's method ends a frame when what is left to gain is less than this part of its cost.
@@ -34,16 +29,6 @@ _NEWTON_TOLERANCE = 1e-9
 _CERTIFYING_SCALE = 0.5
 # What nlopt must still gain on Newton's answer to go on.
 _CERTIFIED = 1e-8
-
-
-def _compiled() -> bool:
-    """Whether Newton's method is compiled: of the cache a guess, by which only time is lost."""
-    # Where nothing can be kept, it is still compiled once and not for every recording.
-    if solve_frames.signatures:
-        return True
-    line, python = solve_frames.py_func.__code__.co_firstlineno, sys.version_info
-    name = f"*.{solve_frames.__name__}-{line}.py{python.major}{python.minor}*.nbi"
-    return any(Path(solve_frames.stats.cache_path).glob(name))
 
 
 class CompiledSolver:
@@ -86,23 +71,16 @@ class CompiledSolver:
             return
         certify = solver == NEWTON_NLOPT
         scale = variable_scale(self._jacobian, binding.weights)
-        # What is compiled in the other process is found in the cache: a first run waits less.
-        with beside(self._compile) if certify and not _compiled() else nullcontext():
-            self._nlopt = native.NativeSolver(
-                self._slots,
-                objective=self._code,
-                threshold=threshold,
-                algorithm=getattr(nlopt, CERTIFYING if certify else solver),
-                scale=scale * (_CERTIFYING_SCALE if certify else 1.0),
-                bounds=self._bounds,
-                tolerances=(VALUE_TOLERANCE, _CERTIFIED if certify else COST_TOLERANCE),
-                maximum_evaluations=maximum_evaluations,
-            )
-
-    def _compile(self) -> None:
-        """Compile Newton's method into the cache, by solving nothing."""
-        markers = len(self._binding.weights)
-        self.solve(np.zeros((0, markers, 3)), np.zeros((0, 0, 3)), np.zeros(0, dtype=np.bool_))
+        self._nlopt = native.NativeSolver(
+            self._slots,
+            objective=self._code,
+            threshold=threshold,
+            algorithm=getattr(nlopt, CERTIFYING if certify else solver),
+            scale=scale * (_CERTIFYING_SCALE if certify else 1.0),
+            bounds=self._bounds,
+            tolerances=(VALUE_TOLERANCE, _CERTIFIED if certify else COST_TOLERANCE),
+            maximum_evaluations=maximum_evaluations,
+        )
 
     def solve(self, targets: FloatArray, head: FloatArray, usable: NDArray[np.bool_]) -> Solved:
         """Minimise the cost of the usable frames, each from the answer before; see `Solver`."""

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mocap_fit.errors import ConfigurationError
 from mocap_fit.fitting.binding import Binding
 from mocap_fit.fitting.slots import SLOT, aligned_zeros, pack, pack_frames
 from mocap_fit.tracks import FloatArray
@@ -117,6 +118,31 @@ class Evaluator:
                 self._shares,
                 gradient,
             )
+        )
+
+
+def check_objective(objective: str, huber_threshold: float) -> None:
+    """Refuse an objective that is unknown, or a threshold that is out of range.
+
+    Parameters
+    ----------
+    objective
+        Name of the objective.
+    huber_threshold
+        Distance at which Huber's objective turns from squares to distances, millimetres.
+
+    Raises
+    ------
+    ConfigurationError
+        If one of them cannot be used.
+    """
+    if objective not in OBJECTIVES:
+        raise ConfigurationError(
+            "the objective is unknown", found=objective, expected=f"one of {', '.join(OBJECTIVES)}"
+        )
+    if not (np.isfinite(huber_threshold) and huber_threshold > 0):
+        raise ConfigurationError(
+            "Huber's threshold is out of range", found=huber_threshold, expected="above 0"
         )
 
 

@@ -18,7 +18,8 @@ from scipy.spatial.transform import Rotation
 from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.fitting.binding import Binding, check_recording
 from mocap_fit.fitting.frame_costs import FrameCosts, Gauge, LocalCosts, gauge_of
-from mocap_fit.fitting.objective import OBJECTIVES, Evaluator, Objective
+from mocap_fit.fitting.objective import Evaluator, Objective, check_objective
+from mocap_fit.fitting.precision import estimate_noise
 from mocap_fit.fitting.shape import ShapeFit
 from mocap_fit.fitting.smoothness import (
     BoolArray,
@@ -207,7 +208,7 @@ def fit_over_time(
         evaluations,
         status,
         fit.pose_corrections,
-        _noise(distances, binding.weights, taken),
+        estimate_noise(distances, binding.weights, taken),
     )
 
 
@@ -372,13 +373,6 @@ def _typical(strengths: Sequence[FloatArray]) -> FloatArray:
     return np.median(every, axis=0) if len(every) else np.zeros(every.shape[1])
 
 
-def _noise(distances: FloatArray, weights: FloatArray, taken: FloatArray) -> float:
-    """Noise of a coordinate from the residuals; each frame had some parameters taken by them."""
-    squares = np.nansum(distances**2 * (weights / weights.mean()))
-    freedom = 3 * np.isfinite(distances).sum() - taken.sum()
-    return float(np.sqrt(squares / freedom)) if freedom > 0 else float("nan")
-
-
 def _targets(binding: Binding, recording: MarkerTracks, fit: ShapeFit) -> FloatArray:
     """Measured face markers in the face's coordinates, with the fit's pose corrections undone."""
     face = recording.positions[:, recording.indices(binding.names)]
@@ -430,14 +424,7 @@ def _check(
     maximum_gap: float,
     maximum_rounds: int,
 ) -> None:
-    if objective not in OBJECTIVES:
-        raise ConfigurationError(
-            "the objective is unknown", found=objective, expected=f"one of {', '.join(OBJECTIVES)}"
-        )
-    if not (np.isfinite(huber_threshold) and huber_threshold > 0):
-        raise ConfigurationError(
-            "Huber's threshold is not possible", found=huber_threshold, expected="above 0"
-        )
+    check_objective(objective, huber_threshold)
     if not (np.isfinite(maximum_gap) and maximum_gap >= 0):
         raise ConfigurationError(
             "the longest gap to bridge is not possible",

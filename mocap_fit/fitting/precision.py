@@ -218,3 +218,32 @@ def undetermined(jacobian: FloatArray, weights: FloatArray) -> NDArray[np.bool_]
     for i in np.flatnonzero(doubtful.any(axis=1)):
         result[i] = ~_determined(np.einsum("m,mpq->pq", sets[i], pairs))
     return np.asarray(result[which])
+
+
+def estimate_noise(
+    distances: FloatArray, weights: FloatArray, parameters: int | FloatArray
+) -> float:
+    """Estimate the standard deviation of a marker's coordinate from residuals.
+
+    Parameters
+    ----------
+    distances
+        Distances of the markers from their virtual markers, ``(frames, markers)``, millimetres;
+        NaN where hidden.
+    weights
+        Weights of the markers, ``(markers,)``, no unit.
+    parameters
+        Degrees of freedom that the parameters took from each frame: a number, or ``(frames,)``.
+
+    Returns
+    -------
+    float
+        Standard deviation, millimetres; NaN where no degree of freedom is left.
+    """
+    seen = np.isfinite(distances)
+    freedom = 3 * seen.sum(axis=1) - parameters
+    frames = freedom > 0
+    squares = np.where(seen, distances, 0.0) ** 2 * (weights / weights.mean())
+    if not frames.any():
+        return float("nan")
+    return float(np.sqrt(squares[frames].sum() / freedom[frames].sum()))

@@ -2,17 +2,37 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_fit.fitting.binding import Binding
-from mocap_fit.fitting.objective import Objective
-from mocap_fit.fitting.solving import NEWTON_NLOPT, NOT_FITTED
-from mocap_fit.fitting.stretches import StretchFitter
+from mocap_fit.errors import ConfigurationError, DataError, MocapFitWarning
+from mocap_fit.fitting.binding import Binding, check_recording
+from mocap_fit.fitting.objective import Evaluator, Objective, check_objective, reference_jacobian
+from mocap_fit.fitting.orientation import moved_by_pose
+from mocap_fit.fitting.precision import (
+    estimate_noise,
+    parameter_covariance,
+    parameter_deviations,
+)
+from mocap_fit.fitting.solving import (
+    ALGORITHMS,
+    NEWTON_NLOPT,
+    NOT_FITTED,
+    PLAIN,
+    SOLVERS,
+    Solved,
+    Solver,
+)
 from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks
+
+# Frames that are solved together: memory for their Jacobians is needed at one time.
+_CHUNK = 512
+# Where hidden markers make a parameter this many times less certain, it is not worth reading.
+_UNCERTAIN = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,34 +143,190 @@ def fit_shape(
     parameter that the visible markers leave undetermined keeps its value from the frame before,
     and its standard deviation is infinite.
     """
-    fitter = StretchFitter(
-        binding,
-        objective=objective,
-        solver=solver,
-        huber_threshold=huber_threshold,
-        refine_pose=refine_pose,
-        maximum_evaluations=maximum_evaluations,
+    check_objective(objective, huber_threshold)
+    _check_solver(binding, solver, refine_pose, maximum_evaluations)
+    check_recording(binding, recording)
+    scale = binding.orientation.scale
+    frame_solver = _choose_solver(
+        binding, objective, huber_threshold * scale, solver, refine_pose, maximum_evaluations
     )
-    found = fitter.fit(recording, progress)
-    fitter.finish(recording.name)
+    parts, distances = [], np.full((recording.frames, len(binding.names)), np.nan)
+    deviations = np.full((recording.frames, len(binding.parameter_names)), np.nan)
+    for start in range(0, recording.frames, _CHUNK):
+        chunk = slice(start, start + _CHUNK)
+        solved, distances[chunk], deviations[chunk] = _fit_chunk(
+            binding, recording, chunk, frame_solver
+        )
+        parts.append(solved)
+        if progress is not None:
+            progress(min(start + _CHUNK, recording.frames))
+    solved = Solved.joined(parts)
+    fitted = solved.status != NOT_FITTED
+    if not fitted.any():
+        raise DataError(
+            f"no frame of the recording '{recording.name}' can be fitted",
+            found="no frame with its head pose and two visible face markers",
+            advice="Check the head markers and the gaps with `mocap-fit info`.",
+        )
+    distances /= scale
+    noise = estimate_noise(
+        distances, binding.weights, len(binding.parameter_names) + 6 * refine_pose
+    )
+    with np.errstate(invalid="ignore"):
+        residuals = np.sqrt(np.nansum(distances**2, axis=1) / np.isfinite(distances).sum(axis=1))
     tracks = ParameterTracks(
         binding.parameter_names,
         recording.rate,
-        found.values,
-        fitter.standard_deviations(found.deviations),
-        found.residuals,
+        solved.values,
+        # An undetermined parameter stays infinite even when the noise is nil.
+        np.where(np.isinf(deviations), np.inf, deviations * noise * scale),
+        np.where(fitted, residuals, np.nan),
         start_time=recording.start_time,
         name=recording.name,
         events=recording.events,
         provenance=recording.provenance,
-    ).with_step("fit_shape", fitter.arguments)
+    ).with_step(
+        "fit_shape",
+        {
+            "objective": objective,
+            "solver": solver,
+            "refine_pose": refine_pose,
+            "maximum_evaluations": maximum_evaluations,
+            **({"huber_threshold": huber_threshold} if objective == "huber" else {}),
+        },
+    )
     return ShapeFit(
         tracks,
         binding.names,
-        found.distances,
-        found.costs,
-        found.evaluations,
-        found.status,
-        found.corrections,
-        fitter.noise,
+        distances,
+        solved.costs,
+        solved.evaluations,
+        solved.status,
+        solved.corrections,
+        noise,
     )
+
+
+def _check_solver(
+    binding: Binding, solver: str, refine_pose: bool, maximum_evaluations: int
+) -> None:
+    """Refuse a solver that is unknown, or cannot do what it is asked for."""
+    if solver not in SOLVERS:
+        raise ConfigurationError(
+            "the solver is unknown", found=solver, expected=f"one of {', '.join(SOLVERS)}"
+        )
+    if maximum_evaluations < 1:
+        raise ConfigurationError(
+            "the number of evaluations is out of range",
+            found=maximum_evaluations,
+            expected="1 or more",
+        )
+    if refine_pose and len(binding.head_names) < 3:
+        raise ConfigurationError(
+            "refining the pose needs head markers in the layout and the reference pose",
+            found=len(binding.head_names),
+            expected="three or more",
+        )
+
+
+def _choose_solver(
+    binding: Binding,
+    objective: Objective,
+    threshold: float,
+    solver: str,
+    refine_pose: bool,
+    maximum_evaluations: int,
+) -> Solver:
+    """Return the fastest solver for these settings."""
+    from mocap_fit.fitting.nlopt_solver import NloptSolver
+
+    if binding.compiled is not None and not refine_pose:
+        try:
+            from mocap_fit.fitting.compiled_solver import CompiledSolver
+            from mocap_fit.fitting.native import library
+        except ImportError:
+            pass  # without numba, the plain form gives the same answers
+        else:
+            if library() is not None or solver == "newton":
+                return CompiledSolver(
+                    binding,
+                    objective,
+                    threshold,
+                    solver=solver,
+                    maximum_evaluations=maximum_evaluations,
+                )
+    algorithm = solver if solver in ALGORITHMS else PLAIN
+    if solver not in (NEWTON_NLOPT, algorithm):
+        warnings.warn(
+            f"the solver '{solver}' is not to be had for this rig or this machine, or with a "
+            f"refined pose; nlopt's {algorithm} is used",
+            MocapFitWarning,
+            stacklevel=4,
+        )
+    return NloptSolver(
+        binding,
+        objective,
+        threshold,
+        algorithm=algorithm,
+        refine_pose=refine_pose,
+        maximum_evaluations=maximum_evaluations,
+    )
+
+
+def _fit_chunk(
+    binding: Binding,
+    recording: MarkerTracks,
+    frames: slice,
+    solver: Solver,
+) -> tuple[Solved, FloatArray, FloatArray]:
+    """Fit some frames; return the solution, marker distances, and parameter deviations.
+
+    Distances are in the face's millimetres, deviations per millimetre of noise.
+    """
+    positions = recording.positions[frames]
+    targets = binding.orientation.apply(positions[:, recording.indices(binding.names)])
+    head = np.full((len(positions), len(binding.head_names), 3), np.nan)
+    for i, name in enumerate(binding.head_names):
+        if name in recording.names:
+            head[:, i] = binding.orientation.apply(positions[:, recording.index(name)])
+    seen = np.isfinite(targets[:, :, 0])
+    usable = seen.sum(axis=1) >= 2
+    solved = solver.solve(targets, head, usable)
+    distances = np.full(seen.shape, np.nan)
+    deviations = np.full(solved.values.shape, np.nan)
+    if usable.any():
+        distances[usable], deviations[usable] = _quality(binding, solved, targets, head, usable)
+    return solved, distances, deviations
+
+
+def _quality(
+    binding: Binding,
+    solved: Solved,
+    targets: FloatArray,
+    head: FloatArray,
+    usable: NDArray[np.bool_],
+) -> tuple[FloatArray, FloatArray]:
+    """Marker distances and parameter deviations of the usable frames."""
+    evaluator = Evaluator(binding, "squares", 1.0)
+    positions, jacobian = evaluator.markers_of_frames(solved.values[usable])
+    corrections = solved.corrections[usable]
+    for i in np.flatnonzero(corrections.any(axis=1)):
+        centre = binding.head_positions.mean(axis=0)
+        positions[i], _ = moved_by_pose(positions[i], jacobian[i], centre, corrections[i])
+    seen = np.isfinite(targets[usable, :, 0])
+    weights = np.where(seen, binding.weights, 0.0)
+    distances = np.linalg.norm(positions - targets[usable], axis=2)
+    deviations, bare = parameter_deviations(
+        jacobian,
+        weights,
+        positions=positions,
+        head_positions=binding.head_positions,
+        head_weights=np.where(np.isfinite(head[usable, :, 0]), binding.head_weights, 0.0),
+    )
+    partly = np.flatnonzero(~seen.all(axis=1))
+    if partly.size:
+        everything = reference_jacobian(binding)
+        least = np.sqrt(np.diag(parameter_covariance(everything, binding.weights)))
+        uncertain = bare[partly] > _UNCERTAIN * least
+        deviations[partly] = np.where(uncertain, np.inf, deviations[partly])
+    return distances, deviations

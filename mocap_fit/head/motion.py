@@ -16,11 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from mocap_fit.errors import DataError, MocapFitWarning
 from mocap_fit.head.reference import (
-    Findings,
-    Survey,
+    check_fit,
+    check_reference_markers,
     check_sizes,
     chosen_reference,
-    thinned,
     weights_of,
 )
 from mocap_fit.tracks import FloatArray, MarkerTracks, Origin, PoseTracks
@@ -167,12 +166,9 @@ def estimate_head_motion(
     chosen, shape = chosen_reference(recording, reference, names)
     base = weights_of(chosen, shape, weights, {*recording.names, *(names or ())})
     positions = recording.positions[:, recording.indices(chosen)]
-    survey = Survey(chosen, shape, base)
-    survey.add(positions)
-    fit = robust_rigid_transforms(shape, positions, base, survey.noise())
-    found = Findings(chosen, shape)
-    found.add(positions, fit)
-    found.tell()
+    check_reference_markers(chosen, shape, positions)
+    fit = robust_rigid_transforms(shape, positions, base)
+    check_fit(chosen, shape, positions, fit)
     expected = np.einsum("fij,pj->fpi", fit.rotations, shape) + fit.translations[:, None, :]
     arguments: dict[str, object] = {"reference_markers": list(chosen)}
     if weights:
@@ -270,7 +266,7 @@ def match_size(
     chosen, shape = chosen_reference(recording, reference, names)
     positions = recording.positions[:, recording.indices(chosen)]
     one, other = np.triu_indices(len(chosen), 1)
-    check_sizes(chosen, shape, thinned(positions))
+    check_sizes(chosen, shape, positions)
     apart = np.linalg.norm(positions[:, one] - positions[:, other], axis=2)
     expected = np.linalg.norm(shape[one] - shape[other], axis=1)
     seen = ~np.isnan(apart)

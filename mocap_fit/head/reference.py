@@ -1,7 +1,4 @@
-"""The markers that tell the head's pose: which they are, whether they can, what they turned out.
-
-A recording may come whole or in stretches; what is asked of all its frames is gathered here.
-"""
+"""The reference markers of the head's pose: choose them, check them, report on them."""
 
 from __future__ import annotations
 
@@ -16,8 +13,7 @@ from mocap_fit.errors import DataError, MocapFitWarning
 from mocap_fit.tracks import FloatArray, MarkerTracks
 from mocap_fit.tracks.rigid import refusal, spread
 from mocap_fit.tracks.rigid_sets import find_reference_markers, mean_shape
-from mocap_fit.tracks.robust import NoiseSample, RigidFit
-from mocap_fit.tracks.thinned import Thinned
+from mocap_fit.tracks.robust import RigidFit, sample_evenly
 
 # Reference and recording must agree in size within this factor, or a unit is wrong.
 _LARGEST_RATIO = 2.0
@@ -27,116 +23,89 @@ _LARGEST_RESIDUAL = 0.1
 _SAMPLE = 2000
 
 
-def thinned(positions: FloatArray) -> FloatArray:
-    """Some of the frames, evenly spread, `(frames, ...)`."""
-    sample = Thinned(_SAMPLE)
-    sample.add(positions)
-    return sample.rows
-
-
-class Survey:
-    """What must be known of the whole recording before any of its frames has a pose.
+def check_reference_markers(names: Sequence[str], shape: FloatArray, positions: FloatArray) -> None:
+    """Refuse a recording whose reference markers cannot have the pose of the reference.
 
     Parameters
     ----------
-    names, shape, weights
-        The reference markers, `(markers, 3)` and `(markers,)`.
+    names
+        Names of the reference markers.
+    shape
+        Reference pose, ``(markers, 3)``, millimetres.
+    positions
+        Reference markers in the recording, ``(frames, markers, 3)``, millimetres; NaN is missing.
+
+    Raises
+    ------
+    DataError
+        If no frame shows three markers, or a unit is wrong.
     """
-
-    def __init__(self, names: Sequence[str], shape: FloatArray, weights: FloatArray) -> None:
-        self._names, self._shape = names, shape
-        self._noise, self._sample = NoiseSample(shape, weights), Thinned(_SAMPLE)
-        self._most = 0
-
-    def add(self, positions: FloatArray) -> None:
-        """Take the reference markers in the next frames, `(frames, markers, 3)`."""
-        self._noise.add(positions)
-        self._sample.add(positions)
-        seen = ~np.isnan(positions[:, :, 0])
-        self._most = max(self._most, int(seen.sum(axis=1).max(initial=0)))
-
-    def noise(self) -> tuple[float, float]:
-        """As `NoiseSample.noise`.
-
-        Raises
-        ------
-        DataError
-            If no frame shows three markers, or a unit is wrong.
-        """
-        if self._most < 3:
-            raise DataError(
-                "no frame shows three reference markers",
-                found=f"at most {self._most}",
-                expected=f"three or more of {', '.join(self._names)}",
-            )
-        check_sizes(self._names, self._shape, self._sample.rows)
-        return self._noise.noise()
+    most = int((~np.isnan(positions[:, :, 0])).sum(axis=1).max(initial=0))
+    if most < 3:
+        raise DataError(
+            "no frame shows three reference markers",
+            found=f"at most {most}",
+            expected=f"three or more of {', '.join(names)}",
+        )
+    check_sizes(names, shape, positions)
 
 
-class Findings:
-    """What the poses of all frames say of the reference markers.
+def check_fit(
+    names: Sequence[str], shape: FloatArray, positions: FloatArray, fit: RigidFit
+) -> None:
+    """Warn of reference markers that do not keep the shape of the reference pose.
 
     Parameters
     ----------
-    names, shape
-        The reference markers, `(markers, 3)`.
+    names
+        Names of the reference markers.
+    shape
+        Reference pose, ``(markers, 3)``, millimetres.
+    positions
+        Reference markers in the recording, ``(frames, markers, 3)``, millimetres; NaN is missing.
+    fit
+        Their rigid transforms.
+
+    Raises
+    ------
+    DataError
+        If no frame has a pose.
+
+    Warns
+    -----
+    MocapFitWarning
+        If a marker is left out of most frames, or the residuals are large.
     """
-
-    def __init__(self, names: Sequence[str], shape: FloatArray) -> None:
-        self._names, self._shape = names, shape
-        self._residuals: list[FloatArray] = []
-        self._rejected = np.zeros(len(names), dtype=np.int64)
-        self._seen = np.zeros(len(names), dtype=np.int64)
-
-    def add(self, positions: FloatArray, fit: RigidFit) -> None:
-        """Take the next frames, `(frames, markers, 3)`, and their poses."""
-        self._residuals.append(fit.residuals)
-        self._rejected += fit.rejected.sum(axis=0)
-        self._seen += (~np.isnan(positions[:, :, 0])).sum(axis=0)
-
-    @property
-    def residuals(self) -> FloatArray:
-        """`(frames,)`, millimetres; NaN where the pose is not known."""
-        return np.concatenate(self._residuals)
-
-    def tell(self) -> float:
-        """Warn of markers that do not fit; the median residual, millimetres.
-
-        Raises
-        ------
-        DataError
-            If no frame has a pose.
-        """
-        residuals = self.residuals
-        if np.isnan(residuals).all():
-            raise DataError(
-                "the head's pose cannot be found in any frame",
-                found="the reference markers that are seen together lie on a line, or contradict "
-                "each other",
-                expected="three or more good markers that are not on a line",
-            )
-        moved = [
-            f"{name} ({rejected} of {seen} frames)"
-            for name, rejected, seen in zip(self._names, self._rejected, self._seen, strict=True)
-            if 2 * rejected > seen
-        ]
-        if moved:
-            warnings.warn(
-                "reference markers are not where the reference pose has them and are left out: "
-                + ", ".join(moved),
-                MocapFitWarning,
-                stacklevel=4,
-            )
-        residual, length = float(np.nanmedian(residuals)), float(spread(self._shape)[0])
-        if residual > _LARGEST_RESIDUAL * length:
-            warnings.warn(
-                f"the reference markers {', '.join(self._names)} do not keep the shape of the "
-                f"reference pose (median residual {residual:.3g} mm in a set {length:.3g} mm long, "
-                "root mean square); markers may be exchanged, or an axis mirrored",
-                MocapFitWarning,
-                stacklevel=4,
-            )
-        return residual
+    if np.isnan(fit.residuals).all():
+        raise DataError(
+            "the head's pose cannot be found in any frame",
+            found="the reference markers that are seen together lie on a line, or contradict "
+            "each other",
+            expected="three or more good markers that are not on a line",
+        )
+    all_rejected = fit.rejected.sum(axis=0)
+    all_seen = (~np.isnan(positions[:, :, 0])).sum(axis=0)
+    moved = [
+        f"{name} ({rejected} of {seen} frames)"
+        for name, rejected, seen in zip(names, all_rejected, all_seen, strict=True)
+        if 2 * rejected > seen
+    ]
+    if moved:
+        warnings.warn(
+            "reference markers are not where the reference pose has them and are left out: "
+            + ", ".join(moved),
+            MocapFitWarning,
+            stacklevel=4,
+        )
+    residual, length = float(np.nanmedian(fit.residuals)), float(spread(shape)[0])
+    if residual > _LARGEST_RESIDUAL * length:
+        warnings.warn(
+            f"the reference markers {', '.join(names)} do not keep the shape of the "
+            f"reference pose (median residual {residual:.3g} mm in a set {length:.3g} mm long, "
+            "root mean square); markers may be exchanged, or an axis mirrored",
+            MocapFitWarning,
+            stacklevel=4,
+        )
 
 
 def weights_of(
@@ -270,8 +239,9 @@ def _found(recording: MarkerTracks) -> tuple[str, ...]:
     return chosen
 
 
-def check_sizes(names: Sequence[str], shape: FloatArray, sample: FloatArray) -> None:
+def check_sizes(names: Sequence[str], shape: FloatArray, positions: FloatArray) -> None:
     """Refuse a recording whose unit is not the reference pose's, by some of its frames."""
+    sample = sample_evenly(positions, _SAMPLE)
     first, second = np.triu_indices(len(names), 1)
     distances = np.linalg.norm(sample[:, first] - sample[:, second], axis=2)
     expected = np.linalg.norm(shape[first] - shape[second], axis=1)

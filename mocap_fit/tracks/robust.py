@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from mocap_fit.errors import DataError
 from mocap_fit.tracks.rigid import rigid_transforms
-from mocap_fit.tracks.thinned import Thinned
 from mocap_fit.tracks.types import FloatArray
 
 #: How often a clean frame may lose a point by mistake.
@@ -292,52 +291,10 @@ def _remaining_noise(residuals: FloatArray, weights: FloatArray) -> float:
     return float(np.sqrt(np.median(squares / middle)))
 
 
-class NoiseSample:
-    """What of a recording tells the noise of its points; it may come in parts.
-
-    Parameters
-    ----------
-    source
-        `(points, 3)`, the body's shape.
-    weights
-        `(points,)`.
-    """
-
-    def __init__(self, source: FloatArray, weights: FloatArray) -> None:
-        self._source, self._weights = source, weights
-        self._there = ~np.isnan(source).any(axis=1) & (weights > 0)
-        # Frames that show the same points, by which points these are.
-        self._patterns: dict[tuple[bool, ...], Thinned] = {}
-
-    def add(self, target: FloatArray) -> None:
-        """Take the next frames, `(frames, points, 3)`."""
-        seen = self._there & ~np.isnan(target).any(axis=2)
-        enough = np.flatnonzero(seen.sum(axis=1) >= 4)
-        if not enough.size:
-            return
-        patterns, which = np.unique(seen[enough], axis=0, return_inverse=True)
-        for number, pattern in enumerate(patterns):
-            kept = self._patterns.setdefault(tuple(pattern.tolist()), Thinned(_MOST))
-            kept.add(target[enough[which.reshape(-1) == number]][:, pattern])
-
-    def noise(self) -> tuple[float, float]:
-        """Variance of a coordinate of a point of weight 1, and its degrees of freedom.
-
-        NaN and 0 where no frame can tell.
-        """
-        if not self._patterns:
-            return np.nan, 0.0
-        commonest = max(sorted(self._patterns), key=lambda shown: self._patterns[shown].count)
-        chosen = np.flatnonzero(commonest)
-        rows = self._patterns[commonest].rows
-        return _noise(self._source[chosen], rows, self._weights[chosen])
-
-
 def robust_rigid_transforms(
     source: ArrayLike,
     target: ArrayLike,
     weights: ArrayLike | None = None,
-    noise: tuple[float, float] | None = None,
 ) -> RigidFit:
     """Find the rigid transform of every frame, leaving bad points out.
 
@@ -349,9 +306,6 @@ def robust_rigid_transforms(
         `(frames, points, 3)`; NaN where a point is not seen.
     weights
         `(points,)`: reciprocals of the points' relative variances; all 1 when not given.
-    noise
-        From a `NoiseSample` of the whole recording, where these frames are a part of it. A part
-        needs `REACH` frames more on each side to get the same answers.
 
     Returns
     -------
@@ -389,7 +343,7 @@ def robust_rigid_transforms(
         patterns, number = np.unique(seen[known], axis=0, return_inverse=True)
         number = number.reshape(-1)
         frames = np.flatnonzero(known)
-        variance, freedom = _learnt(points, goals, base) if noise is None else noise
+        variance, freedom = _estimate_noise(points, goals, base)
         if np.isfinite(variance):
             for index, pattern in enumerate(patterns):
                 chosen, part = np.flatnonzero(pattern), frames[number == index]
@@ -414,7 +368,43 @@ def robust_rigid_transforms(
     return RigidFit(rotations, translations, residuals, weight, bad, left)
 
 
-def _learnt(source: FloatArray, target: FloatArray, weights: FloatArray) -> tuple[float, float]:
-    sample = NoiseSample(source, weights)
-    sample.add(target)
-    return sample.noise()
+def sample_evenly(rows: FloatArray, limit: int) -> FloatArray:
+    """Return every 2ᵏ-th row, with the smallest k that leaves no more rows than a limit.
+
+    Parameters
+    ----------
+    rows
+        Any array of no unit, ``(rows, ...)``.
+    limit
+        Largest number of rows to return.
+
+    Returns
+    -------
+    ndarray
+        The rows, a view.
+    """
+    stride = 1
+    while -(-len(rows) // stride) > limit:
+        stride *= 2
+    return rows[::stride]
+
+
+def _estimate_noise(
+    source: FloatArray, target: FloatArray, weights: FloatArray
+) -> tuple[float, float]:
+    """Return the variance of a coordinate of a point of weight 1, and its degrees of freedom.
+
+    It is that of the frames which show the most common set of four or more points; NaN and 0
+    where there is none.
+    """
+    seen = ~(np.isnan(source).any(axis=1) | np.isnan(target).any(axis=2)) & (weights > 0)
+    enough = np.flatnonzero(seen.sum(axis=1) >= 4)
+    if not enough.size:
+        return np.nan, 0.0
+    patterns, which, counts = np.unique(
+        seen[enough], axis=0, return_inverse=True, return_counts=True
+    )
+    commonest = int(counts.argmax())
+    points = np.flatnonzero(patterns[commonest])
+    frames = sample_evenly(enough[which.reshape(-1) == commonest], _MOST)
+    return _noise(source[points], target[np.ix_(frames, points)], weights[points])

@@ -56,7 +56,7 @@ def fitted(session, tmp_path_factory):
 
 @pytest.mark.slow
 def test_the_first_run_on_a_machine_compiles_each_kernel_once(session, fitted, tmp_path):
-    """On Linux partly in another process, with the bytes of a run that finds them in the cache."""
+    """The bytes are those of a run that finds them in the cache."""
     cache, out = tmp_path / "cache", tmp_path / "out"
     recording = session.recordings[0]
     subprocess.run(
