@@ -69,11 +69,13 @@ def find_grid(channel: FloatArray, period: float, tolerance: float) -> Grid | No
         # The last stretch may be too short to show anything.
         if len(part) < 4 * period and first:
             break
+        # The first clear stretch may hold a few pulses only, at its end: the next decides.
+        is_last = best[0] > 10 * _CLEAR
         clearness, grid = _in_stretch(part, first, period, tolerance)
         if grid is not None and clearness > best[0]:
             best = (clearness, grid)
-            if clearness > 10 * _CLEAR:
-                break
+        if is_last:
+            break
     return best[1]
 
 

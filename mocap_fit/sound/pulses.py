@@ -150,11 +150,19 @@ def decode_pulses(
     if grid is None:
         raise _no_pulses(samples, rate, frame_rate)
     samples = grid.sign * samples
+    # A box of samples is only as high as a pulse where the level between pulses is 0.
+    samples -= np.median(_between_pulses(samples, _Clock(grid.start, grid.period), grid))
     clock = _followed(samples, grid)
     slots = _slots(clock, grid.width, len(samples))
     heights = _heights(samples, clock, grid.width, slots)
     noise = _noise(samples, clock, grid)
     scale, likelihoods = _likelihoods(heights, noise / np.sqrt(grid.width))
+    believed = noise == 0 or (scale / noise) ** 2 >= _BELIEVED
+    if believed:
+        # The clock may be a sample off, which is all of a narrow pulse.
+        shifted = [_heights(samples, clock, grid.width, slots, shift) for shift in range(-2, 3)]
+        heights = np.max(shifted, axis=0)
+        scale, likelihoods = _likelihoods(heights, noise / np.sqrt(grid.width))
     first, last = _span(likelihoods)
     inside = heights[first : last + 1]
     heard_part = float((inside > 0.5 * scale).mean())
@@ -166,13 +174,15 @@ def decode_pulses(
         last = first + frames - 1
     chosen = slots[first : last + 1]
     heard = heights[first : last + 1] > 0.5 * scale
-    believed = noise == 0 or (scale / noise) ** 2 >= _BELIEVED
     places: NDArray[np.int64] = np.rint(clock.at(chosen)).astype(np.int64)
     residual = None
     if believed:
         own, found = _beginnings(samples, clock, grid.width, chosen, heard)
         if found.sum() >= 3:
             clock = _line(chosen[found], own[found]) or clock
+            nominal = rate / frame_rate
+            if abs(clock.period - nominal) > largest_drift * nominal + 2 / (last - first):
+                raise _no_pulses(samples, rate, frame_rate)
         places = np.where(found, own, np.rint(clock.at(chosen)).astype(np.int64))
         off = (own - clock.at(chosen))[found]
         residual = float(np.sqrt(np.mean(off**2))) / rate if len(off) else None
@@ -222,8 +232,9 @@ def _checked(
 def _slots(clock: _Clock, width: int, length: int) -> NDArray[np.int64]:
     """Numbers of the pulses whose places are in the sound."""
     # A pulse that begins with the sound may have been found a little before it.
-    lowest = int(np.ceil((-0.5 - 0.25 * (width - 1) - clock.start) / clock.period))
-    highest = int(np.floor((length - width + 0.4 - clock.start) / clock.period))
+    lowest_start = -1.5 - 0.25 * (width - 1)
+    lowest = int(np.ceil((lowest_start - clock.start) / clock.period))
+    highest = int(np.floor((length - width - lowest_start - clock.start) / clock.period))
     return np.arange(lowest, highest + 1)
 
 
@@ -304,28 +315,31 @@ def _windows(
 
 
 def _heights(
-    samples: FloatArray, clock: _Clock, width: int, slots: NDArray[np.int64]
+    samples: FloatArray, clock: _Clock, width: int, slots: NDArray[np.int64], shift: int = 0
 ) -> FloatArray:
     """Mean of each pulse over the level about it, `(slots,)`."""
     around = max(2, min(int(clock.period) - width, 128))
-    pulse, _ = _windows(samples, clock.at(slots), width)
+    pulse, _ = _windows(samples, clock.at(slots) + shift, width)
     before, _ = _windows(samples, clock.at(slots) - around // 2 - 1, around // 2)
     after, _ = _windows(samples, clock.at(slots) + width + 1, around // 2)
     level = np.nanmedian(np.concatenate((before, after), axis=1), axis=1)
-    heights: FloatArray = np.nanmean(pulse, axis=1) - level
-    return heights
+    inside = np.isfinite(pulse)
+    heights = np.where(inside, pulse - level[:, None], 0.0).sum(axis=1)
+    return np.asarray(heights / np.maximum(inside.sum(axis=1), 1))
+
+
+def _between_pulses(samples: FloatArray, clock: _Clock, grid: Grid) -> FloatArray:
+    """Return the samples of the grid's stretch that are clear of any pulse."""
+    phases = (np.arange(grid.first, grid.last) - clock.start) % clock.period
+    margin = min(max(2.0, 0.25 * grid.width), 0.2 * clock.period)
+    clear = (phases > grid.width + margin) & (phases < clock.period - margin)
+    return samples[grid.first : grid.last][clear]
 
 
 def _noise(samples: FloatArray, clock: _Clock, grid: Grid) -> float:
-    """Standard deviation of the sound between the pulses, whatever stands out of it."""
-    width = grid.width
-    phases = (np.arange(grid.first, grid.last) - clock.start) % clock.period
-    margin = min(max(2.0, 0.25 * width), 0.2 * clock.period)
-    between = (phases > width + margin) & (phases < clock.period - margin)
-    quiet = samples[grid.first : grid.last][between]
-    if not len(quiet):
-        return 0.0
-    return 1.4826 * float(np.median(np.abs(quiet - np.median(quiet))))
+    """Return the standard deviation between the pulses, whatever stands out of it."""
+    quiet = _between_pulses(samples, clock, grid)
+    return 1.4826 * float(np.median(np.abs(quiet - np.median(quiet)))) if len(quiet) else 0.0
 
 
 def _likelihoods(heights: FloatArray, noise: float) -> tuple[float, FloatArray]:
