@@ -71,9 +71,9 @@ def walk(node: ast.AST) -> Iterator[tuple[ast.AST, str, int | None, ast.AST]]:
         if field in SKIPPED:
             continue
         for index, child in enumerate(value) if isinstance(value, list) else [(None, value)]:
+            if isinstance(child, ast.expr | ast.stmt):
+                yield node, field, index, child
             if isinstance(child, ast.AST):
-                if isinstance(child, ast.expr | ast.stmt):
-                    yield node, field, index, child
                 yield from walk(child)
 
 
@@ -86,18 +86,17 @@ def mutants(room: Path) -> list[Mutant]:
             for changed in changes(child):
                 values, key = (vars(parent), field)
                 if index is not None:
-                    values, key = getattr(parent, field), index
+                    values, key = values[field], index
                 values[key] = ast.copy_location(changed, child)
                 words = f"{ast.unparse(child)[:60]} -> {ast.unparse(changed)[:60]}"
-                result.append((path, child.lineno, words.replace("\n", " "), ast.unparse(tree)))
+                result.append((path, child.lineno, words, ast.unparse(tree)))
                 values[key] = child
     return result
 
 
 def run_tests(folder: Path, tests: list[str]) -> int:
     """Run the quick tests of a copy and return pytest's status; one that hangs has failed."""
-    settings = {"OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(folder)}
-    settings["NUMBA_CACHE_DIR"] = str(folder / "numba")
+    settings = {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "numba")}
     command = [sys.executable, "-m", "pytest", "-qx", "-m", "not slow and not real_data", *tests]
     options = {"cwd": folder, "env": os.environ | settings, "capture_output": True}
     try:
@@ -127,7 +126,7 @@ def try_mutant(mutant: Mutant, folders: Queue[Path], tests: list[str]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("room", help="a folder or file of mocap_fit, such as tracks")
-    for option, default in (("--count", 80), ("--seed", 0), ("--jobs", os.cpu_count() or 1)):
+    for option, default in (("--count", 80), ("--seed", 0), ("--jobs", os.cpu_count())):
         parser.add_argument(option, type=int, default=default)
     parser.add_argument("--tests", nargs="*", help="in place of tests/ROOM")
     options = parser.parse_args()
