@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +17,16 @@ IndexArray = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Material:
-    """How a part looks.
+    """The look of a part.
 
     Parameters
     ----------
     colour
-        Red, green and blue in [0, 1]; used where the mesh has no colours of its own.
+        Red, green and blue, 0 to 1; used where the mesh has no colours.
     specular
         Strength of the highlight, 0 to 1.
     specular_power
-        Sharpness of the highlight.
+        Sharpness of the highlight, an exponent without unit.
     """
 
     colour: tuple[float, float, float] = (0.8, 0.7, 0.6)
@@ -53,24 +54,25 @@ class Part:
     material: Material = field(default_factory=Material)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Mesh:
     """A triangle mesh of a face at rest, in the head frame.
 
     Parameters
     ----------
     vertices
-        `(vertices, 3)`, millimetres; +x to the speaker's left, +y up, +z forward.
+        Positions, ``(vertices, 3)``, millimetres; +x to the speaker's left, +y up, +z forward.
     triangles
-        `(triangles, 3)`, vertex indices, counter-clockwise seen from outside.
+        Vertex indices, ``(triangles, 3)``, counter-clockwise seen from outside.
     parts
         Pieces that tile the vertices and triangles, in order.
     regions
-        Named sets of vertex indices, such as ``upper_lip``; they may overlap.
+        Named sets of vertex indices, ``(members,)`` each, such as ``upper_lip``; they may overlap.
     feature_points
         MPEG-4 feature point → vertex index, such as ``{"8.1": 1234}``.
     colours
-        `(vertices, 3)`, red, green and blue in [0, 1], or None for the parts' materials.
+        Red, green and blue of every vertex, ``(vertices, 3)``, 0 to 1; None for the parts'
+        materials.
 
     Raises
     ------
@@ -86,74 +88,60 @@ class Mesh:
     colours: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        vertices = np.array(self.vertices, dtype=np.float64)
-        triangles = np.array(self.triangles, dtype=np.int64)
-        if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) < 3:
-            raise ConfigurationError(
-                "the mesh has no usable vertices", found=vertices.shape, expected="(3 or more, 3)"
-            )
-        if not np.isfinite(vertices).all():
-            index = int(np.argwhere(~np.isfinite(vertices))[0][0])
-            raise ConfigurationError(f"vertex {index} of the mesh is not finite")
-        if triangles.ndim != 2 or triangles.shape[1] != 3 or len(triangles) == 0:
-            raise ConfigurationError(
-                "the mesh has no usable triangles", found=triangles.shape, expected="(1 or more, 3)"
-            )
-        wrong = (triangles < 0) | (triangles >= len(vertices))
-        if wrong.any():
-            index = int(np.argwhere(wrong)[0][0])
-            raise ConfigurationError(
-                f"triangle {index} of the mesh names a vertex that is not there",
-                found=triangles[index].tolist(),
-                expected=f"0 to {len(vertices) - 1}",
-            )
-        vertices.setflags(write=False)
-        triangles.setflags(write=False)
-        object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "triangles", triangles)
-        if not self.parts:
-            whole = Part("skin", range(len(vertices)), range(len(triangles)))
-            object.__setattr__(self, "parts", (whole,))
-        for kind, end in (("vertices", len(vertices)), ("triangles", len(triangles))):
-            position = 0
-            for part in self.parts:
-                extent: range = getattr(part, kind)
-                if extent.start != position:
-                    raise ConfigurationError(
-                        f"the part '{part.name}' does not follow the part before it in {kind}",
-                        found=extent.start,
-                        expected=position,
-                    )
-                position = extent.stop
-            if position != end:
-                raise ConfigurationError(
-                    f"the parts do not cover the {kind}", found=position, expected=end
-                )
-        regions = {}
-        for name, members in self.regions.items():
-            array = np.unique(np.asarray(members, dtype=np.int64))
-            if array.size and (array[0] < 0 or array[-1] >= len(vertices)):
-                raise ConfigurationError(f"the region '{name}' names a vertex that is not there")
-            regions[name] = array
-        object.__setattr__(self, "regions", regions)
+        vertices = _check_vertices(np.array(self.vertices, dtype=np.float64))
+        count = len(vertices)
+        triangles = _check_triangles(np.array(self.triangles, dtype=np.int64), count)
+        parts = self.parts or (Part("skin", range(count), range(len(triangles))),)
+        _check_tiling(parts, "vertices", count)
+        _check_tiling(parts, "triangles", len(triangles))
+        regions = {
+            name: _check_region(name, np.unique(np.asarray(members, dtype=np.int64)), count)
+            for name, members in self.regions.items()
+        }
         for name, vertex in self.feature_points.items():
-            if not 0 <= vertex < len(vertices):
+            if not 0 <= vertex < count:
                 raise ConfigurationError(
                     f"the feature point {name} names a vertex that is not there", found=vertex
                 )
+        checked = {"vertices": vertices, "triangles": triangles, "parts": parts, "regions": regions}
         if self.colours is not None:
-            colours = np.array(self.colours, dtype=np.float64)
-            if colours.shape != vertices.shape:
-                raise ConfigurationError(
-                    "the colours have the wrong shape",
-                    found=colours.shape,
-                    expected=vertices.shape,
-                )
-            colours.setflags(write=False)
-            object.__setattr__(self, "colours", colours)
+            checked["colours"] = _check_colours(np.array(self.colours, dtype=np.float64), vertices)
+        for name, value in checked.items():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Made anew, so that copies are checked and read-only like the original.
+        fields = (self.vertices, self.triangles, self.parts, self.regions, self.feature_points)
+        return type(self), (*fields, self.colours)
+
+    def __repr__(self) -> str:
+        names = ", ".join(part.name for part in self.parts)
+        return (
+            f"Mesh({len(self.vertices)} vertices, {len(self.triangles)} triangles, "
+            f"{len(self.regions)} regions, {len(self.feature_points)} feature points;\n"
+            f"     parts {names if len(names) <= 90 else names[:89] + '…'})"
+        )
 
     def get_part(self, name: str) -> Part:
-        """The part of that name."""
+        """Return the part of that name.
+
+        Parameters
+        ----------
+        name
+            Name of a part, such as ``skin``.
+
+        Returns
+        -------
+        Part
+            The part.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is none of that name.
+        """
         for part in self.parts:
             if part.name == name:
                 return part
@@ -163,7 +151,23 @@ class Mesh:
         )
 
     def get_region(self, name: str) -> IndexArray:
-        """Vertex indices of the region, or of the part, of that name."""
+        """Return the vertices of a region, or of a part.
+
+        Parameters
+        ----------
+        name
+            Name of a region, such as ``upper_lip``, or of a part.
+
+        Returns
+        -------
+        ndarray
+            Vertex indices, ``(members,)``, increasing.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is neither a region nor a part of that name.
+        """
         if name in self.regions:
             return self.regions[name]
         for part in self.parts:
@@ -175,11 +179,38 @@ class Mesh:
         )
 
     def has_region(self, name: str) -> bool:
-        """Whether there is a region or a part of that name."""
+        """Return whether there is a region or a part of that name.
+
+        Parameters
+        ----------
+        name
+            Name of a region or of a part.
+
+        Returns
+        -------
+        bool
+            Whether `get_region` would find it.
+        """
         return name in self.regions or any(part.name == name for part in self.parts)
 
     def get_feature_point(self, name: str) -> int:
-        """Vertex index of an MPEG-4 feature point."""
+        """Return the vertex of an MPEG-4 feature point.
+
+        Parameters
+        ----------
+        name
+            Number of the feature point, such as ``8.1``.
+
+        Returns
+        -------
+        int
+            Vertex index.
+
+        Raises
+        ------
+        ConfigurationError
+            If the mesh does not have it.
+        """
         try:
             return self.feature_points[name]
         except KeyError:
@@ -189,28 +220,98 @@ class Mesh:
             ) from None
 
     def compute_normals(self, vertices: FloatArray | None = None) -> FloatArray:
-        """Unit normals at the vertices, `(vertices, 3)`, weighted by the triangles' areas.
+        """Compute unit normals at the vertices, weighted by the triangles' areas.
 
         Parameters
         ----------
         vertices
-            `(vertices, 3)`: the mesh in another shape; at rest where not given.
+            The mesh in another shape, ``(vertices, 3)``, millimetres; None for the mesh at rest.
+
+        Returns
+        -------
+        ndarray
+            Normals that point outwards, ``(vertices, 3)``, without unit; 0 at a vertex that no
+            triangle of any area uses.
         """
         vertices = self.vertices if vertices is None else vertices
         a, b, c = (vertices[self.triangles[:, corner]] for corner in range(3))
         across = np.cross(b - a, c - a)
-        normals = np.stack(
-            [
-                np.bincount(
-                    self.triangles.ravel(), np.repeat(across[:, i], 3), minlength=len(vertices)
-                )
-                for i in range(3)
-            ],
-            axis=1,
-        )
+        corners, count = self.triangles.ravel(), len(vertices)
+        sums = [np.bincount(corners, np.repeat(across[:, i], 3), count) for i in range(3)]
+        normals = np.stack(sums, axis=1)
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         return np.asarray(normals / np.maximum(lengths, 1e-12))
 
     def replace_vertices(self, vertices: FloatArray) -> Mesh:
-        """The same mesh in another shape."""
+        """Return the same mesh in another shape.
+
+        Parameters
+        ----------
+        vertices
+            Positions, ``(vertices, 3)``, millimetres.
+
+        Returns
+        -------
+        Mesh
+            With the same triangles, parts, regions, feature points and colours.
+        """
         return replace(self, vertices=vertices)
+
+
+def _check_vertices(vertices: FloatArray) -> FloatArray:
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) < 3:
+        raise ConfigurationError(
+            "the mesh has no usable vertices", found=vertices.shape, expected="(3 or more, 3)"
+        )
+    finite = np.isfinite(vertices).all(axis=1)
+    if not finite.all():
+        raise ConfigurationError(f"vertex {int(finite.argmin())} of the mesh is not finite")
+    return vertices
+
+
+def _check_triangles(triangles: IndexArray, vertex_count: int) -> IndexArray:
+    if triangles.ndim != 2 or triangles.shape[1] != 3 or len(triangles) == 0:
+        raise ConfigurationError(
+            "the mesh has no usable triangles", found=triangles.shape, expected="(1 or more, 3)"
+        )
+    wrong = ((triangles < 0) | (triangles >= vertex_count)).any(axis=1)
+    if wrong.any():
+        index = int(wrong.argmax())
+        raise ConfigurationError(
+            f"triangle {index} of the mesh names a vertex that is not there",
+            found=triangles[index].tolist(),
+            expected=f"0 to {vertex_count - 1}",
+        )
+    return triangles
+
+
+def _check_tiling(parts: tuple[Part, ...], kind: str, count: int) -> None:
+    """Refuse parts that do not follow each other without gaps from the first to the last."""
+    position = 0
+    for part in parts:
+        extent: range = getattr(part, kind)
+        if extent.start != position:
+            raise ConfigurationError(
+                f"the part '{part.name}' does not follow the part before it in {kind}",
+                found=extent.start,
+                expected=position,
+            )
+        position = extent.stop
+    if position != count:
+        raise ConfigurationError(
+            f"the parts do not cover the {kind}", found=position, expected=count
+        )
+
+
+def _check_region(name: str, members: IndexArray, vertex_count: int) -> IndexArray:
+    if members.size and (members[0] < 0 or members[-1] >= vertex_count):
+        raise ConfigurationError(f"the region '{name}' names a vertex that is not there")
+    return members
+
+
+def _check_colours(colours: FloatArray, vertices: FloatArray) -> FloatArray:
+    if colours.shape != vertices.shape:
+        raise ConfigurationError(
+            "the colours have the wrong shape", found=colours.shape, expected=vertices.shape
+        )
+    return colours

@@ -1,6 +1,8 @@
 """Wavefront OBJ: vertices, polygons, objects and groups, without renumbering.
 
-Other readers merge or split vertices at texture seams; a rig file counts on the file's order.
+Read here and not by trimesh (5.2), which takes vertex 0 for the first one, leaves out polygons of
+two corners, counts relative indices (-1) from the end of the file, and splits or renumbers
+vertices at texture seams: damage would go unseen, and a rig file counts on the file's order.
 """
 
 from __future__ import annotations
@@ -8,48 +10,55 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from mocap_fit.errors import FileFormatError
 from mocap_fit.face.mesh import IndexArray
-from mocap_fit.tracks import FloatArray
-
-ObjPiece = tuple[str, FloatArray, IndexArray, dict[str, IndexArray]]
+from mocap_fit.face.mesh_pieces import Piece
 
 
-def read_obj(path: Path) -> list[ObjPiece]:
+def read_obj(path: Path) -> list[Piece]:
     """Read an OBJ file.
+
+    Parameters
+    ----------
+    path
+        The file.
 
     Returns
     -------
-    list
-        For each object: its name, `(vertices, 3)` in the file's order, `(triangles, 3)` on
-        them, and the vertices of each group. Objects that share vertices are one object.
+    list of Piece
+        One for each object, with its groups; objects that share vertices are one piece. Vertices
+        are in the file's order, polygons are cut into triangles round their first corner.
 
     Raises
     ------
     FileFormatError
         If a line is not what OBJ asks for; the message says which.
     """
-    vertices, triangles, labels, names = _parse(path)
+    vertices, triangles, labels, names = _parse_lines(path)
     if not triangles:
         return []
-    points = np.array(vertices, dtype=np.float64)
-    faces = np.array(triangles, dtype=np.int64)
-    members = [np.unique(faces[np.array(labels) == i]) for i in range(len(names))]
-    clusters = _sharing(members)
+    points, faces = np.array(vertices, dtype=np.float64), np.array(triangles, dtype=np.int64)
+    clusters = _cluster_by_shared_vertices(faces, labels, len(names), len(points))
     pieces = []
-    for group in clusters:
-        chosen = np.isin(labels, group)
+    for cluster in range(clusters.max() + 1):
+        group = np.flatnonzero(clusters == cluster)
+        chosen = faces[np.isin(labels, group)]
         # With one object, even vertices that nothing uses keep their numbers.
-        used = np.arange(len(points)) if len(clusters) == 1 else np.unique(faces[chosen])
+        used = np.unique(chosen) if clusters.any() else np.arange(len(points))
         number = np.full(len(points), -1)
         number[used] = np.arange(len(used))
-        groups = {names[i]: number[members[i]] for i in group if names[i]}
-        pieces.append((names[group[0]] or path.stem, points[used], number[faces[chosen]], groups))
+        groups = {
+            names[i]: number[np.unique(faces[np.equal(labels, i)])] for i in group if names[i]
+        }
+        name = names[group[0]] or path.stem
+        pieces.append(Piece(name, points[used], number[chosen], groups))
     return pieces
 
 
-def _parse(
+def _parse_lines(
     path: Path,
 ) -> tuple[list[list[float]], list[list[int]], list[int], list[str]]:
     """Vertices, triangles, and for each triangle the position of its name among the names."""
@@ -66,11 +75,11 @@ def _parse(
         word, _, rest = line.strip().partition(" ")
         try:
             if word == "v":
-                vertices.append(_coordinates(rest))
+                vertices.append(_parse_coordinates(rest))
             elif word == "f":
                 if current not in names:
                     names.append(current)
-                fan = _fan(rest, len(vertices))
+                fan = _parse_polygon(rest, len(vertices))
                 triangles += fan
                 labels += [names.index(current)] * len(fan)
             elif word in ("o", "g"):
@@ -87,39 +96,36 @@ def _parse(
     return vertices, triangles, labels, names
 
 
-def _coordinates(text: str) -> list[float]:
+def _parse_coordinates(text: str) -> list[float]:
     values = [float(value) for value in text.split()[:3]]
     if len(values) != 3:
         raise ValueError("fewer than three coordinates")
     return values
 
 
-def _fan(text: str, count: int) -> list[list[int]]:
-    """A polygon as triangles round its first corner."""
-    corners = [_vertex(corner, count) for corner in text.split()]
+def _parse_polygon(text: str, vertex_count: int) -> list[list[int]]:
+    """Cut a polygon into triangles round its first corner."""
+    corners = [_parse_corner(corner, vertex_count) for corner in text.split()]
     if len(corners) < 3:
         raise ValueError("a polygon of fewer than three corners")
     return [[corners[0], *corners[i : i + 2]] for i in range(1, len(corners) - 1)]
 
 
-def _vertex(corner: str, count: int) -> int:
-    """A corner such as ``7``, ``7/2/3`` or ``-1`` as an index from 0."""
+def _parse_corner(corner: str, vertex_count: int) -> int:
+    """Return a corner such as ``7``, ``7/2/3`` or ``-1`` as an index from 0."""
     number = int(corner.split("/")[0])
-    index = number - 1 if number > 0 else count + number
-    if number == 0 or not 0 <= index < count:
+    index = number - 1 if number > 0 else vertex_count + number
+    if number == 0 or not 0 <= index < vertex_count:
         raise ValueError(f"there is no vertex {number} before this line")
     return index
 
 
-def _sharing(members: list[IndexArray]) -> list[list[int]]:
-    """Positions of vertex sets, those that share vertices together."""
-    clusters: list[tuple[list[int], IndexArray]] = []
-    for i, own in enumerate(members):
-        apart, together, union = [], [i], own
-        for group, vertices in clusters:
-            if np.isin(vertices, own).any():
-                together, union = group + together, np.union1d(vertices, union)
-            else:
-                apart.append((group, vertices))
-        clusters = [*apart, (sorted(together), union)]
-    return sorted(group for group, _ in clusters)
+def _cluster_by_shared_vertices(
+    faces: IndexArray, labels: list[int], name_count: int, vertex_count: int
+) -> IndexArray:
+    """Return the cluster of each name; names whose triangles share a vertex are in one."""
+    uses = sparse.csr_matrix(
+        (np.ones(faces.size), (np.repeat(labels, 3), faces.ravel())),
+        shape=(name_count, vertex_count),
+    )
+    return np.asarray(connected_components(uses @ uses.T, directed=False)[1], dtype=np.int64)

@@ -1,19 +1,20 @@
 """PLY, text and binary: vertices and polygons.
 
-VTK's own reader ends the whole program on a file that is cut off, so it is not used.
+Read here because other readers cannot be trusted with files as people have them: trimesh (5.2)
+refuses binary files that mix triangles and quads and takes a text file that is cut off for a
+smaller mesh; VTK's ends the program on a file that is cut off.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.errors import FileFormatError
-from mocap_fit.face.mesh import IndexArray
-from mocap_fit.tracks import FloatArray
+from mocap_fit.face.mesh_pieces import Piece
 
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1",
@@ -23,6 +24,7 @@ _TYPES = {
 }  # fmt: skip
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _LONGEST_HEADER = 100_000
+_Column = NDArray[np.generic] | list[NDArray[np.generic]]
 
 
 @dataclass
@@ -31,16 +33,21 @@ class _Element:
 
     name: str
     count: int
-    properties: list[tuple[str, str | None, str]]
+    properties: list[tuple[str, str | None, str]] = field(default_factory=list)
 
 
-def read_ply(path: Path) -> tuple[FloatArray, IndexArray]:
+def read_ply(path: Path) -> Piece:
     """Read a PLY file.
+
+    Parameters
+    ----------
+    path
+        The file.
 
     Returns
     -------
-    tuple
-        `(vertices, 3)` and `(triangles, 3)`; polygons are cut into triangles.
+    Piece
+        Its vertices and triangles; polygons are cut into triangles round their first corner.
 
     Raises
     ------
@@ -48,17 +55,15 @@ def read_ply(path: Path) -> tuple[FloatArray, IndexArray]:
         If the header is not PLY's, or the file holds fewer records than it says.
     """
     data = path.read_bytes()
-    order, elements, body = _header(data, path)
+    order, elements, start = _parse_header(data, path)
     try:
-        read = _Text(data[body:]) if order == "" else _Binary(data[body:], order)
-        found = {element.name: read.element(element) for element in elements}
-        vertices = found["vertex"]
+        body = _Body(data[start:], order)
+        columns = {element.name: body.read(element) for element in elements}
+        vertices, polygons = columns["vertex"], columns.get("face", {})
         points = np.stack([np.asarray(vertices[axis], np.float64) for axis in "xyz"], axis=1)
-        polygons = found.get("face", {})
-        lists = polygons.get("vertex_indices", polygons.get("vertex_index", []))
         fans = [
             (polygon[0], polygon[i], polygon[i + 1])
-            for polygon in lists
+            for polygon in polygons.get("vertex_indices", polygons.get("vertex_index", []))
             for i in range(1, len(polygon) - 1)
         ]
     except (ValueError, IndexError, KeyError) as error:
@@ -69,10 +74,10 @@ def read_ply(path: Path) -> tuple[FloatArray, IndexArray]:
             expected=", ".join(f"{e.count} {e.name}" for e in elements),
             advice="It may be cut off: export or copy it again.",
         ) from None
-    return points, np.array(fans, dtype=np.int64).reshape(-1, 3)
+    return Piece(path.stem, points, np.array(fans, dtype=np.int64).reshape(-1, 3))
 
 
-def _header(data: bytes, path: Path) -> tuple[str, list[_Element], int]:
+def _parse_header(data: bytes, path: Path) -> tuple[str, list[_Element], int]:
     """Byte order ("" for text), the elements, and where the records begin."""
     head, end, _ = data[:_LONGEST_HEADER].partition(b"end_header")
     lines = head.decode("latin-1").splitlines()
@@ -83,18 +88,17 @@ def _header(data: bytes, path: Path) -> tuple[str, list[_Element], int]:
             found=repr(data[:20]),
             expected="'ply' … 'end_header'",
         )
-    body = len(head) + len(end)
-    body += 2 if data[body : body + 2] == b"\r\n" else 1
+    start = len(head) + len(end)
+    start += 2 if data[start : start + 2] == b"\r\n" else 1
     order: str | None = None
     elements: list[_Element] = []
     for number, line in enumerate(lines[1:], start=2):
-        words = line.split()
         try:
-            match words:
+            match line.split():
                 case ["format", kind, *_]:
                     order = _ORDERS[kind]
                 case ["element", name, count]:
-                    elements.append(_Element(name, int(count), []))
+                    elements.append(_Element(name, int(count)))
                 case ["property", "list", counts, kind, name]:
                     elements[-1].properties.append((name, _TYPES[counts], _TYPES[kind]))
                 case ["property", kind, name]:
@@ -107,90 +111,47 @@ def _header(data: bytes, path: Path) -> tuple[str, list[_Element], int]:
         raise FileFormatError(
             "the PLY header names no format or no vertices", path=path, found=" ".join(lines)
         )
-    return order, elements, body
+    return order, elements, start
 
 
-class _Text:
-    """Records of a text file, one after the other."""
-
-    def __init__(self, data: bytes) -> None:
-        self.words = data.split()
-        self.position = 0
-
-    def element(self, element: _Element) -> dict[str, list[NDArray[np.float64]]]:
-        columns: dict[str, list[NDArray[np.float64]]] = {p[0]: [] for p in element.properties}
-        for _ in range(element.count):
-            for name, counts, _kind in element.properties:
-                values = self._take(1 if counts is None else int(self._take(1)[0]))
-                columns[name].append(values[0] if counts is None else values)
-        return columns
-
-    def _take(self, count: int) -> NDArray[np.float64]:
-        taken = self.words[self.position : self.position + count]
-        if len(taken) < count:
-            raise ValueError("the file ends too soon")
-        self.position += count
-        return np.array([float(word) for word in taken])
-
-
-class _Binary:
-    """Records of a binary file, one kind after the other."""
+class _Body:
+    """The records after the header, read one after the other."""
 
     def __init__(self, data: bytes, order: str) -> None:
-        self.data = data
         self.order = order
+        self.data = data if order else data.split()
         self.position = 0
 
-    def element(self, element: _Element) -> dict[str, NDArray[np.generic]]:
-        # Nearly always all polygons are triangles, or all are quads.
-        sizes = [
-            0 if counts is None else self._count(element, name)
-            for name, counts, _ in element.properties
-        ]
-        fields: list[tuple[str, str] | tuple[str, str, tuple[int]]] = []
-        for (name, counts, kind), size in zip(element.properties, sizes, strict=True):
-            if counts is None:
-                fields.append((name, self.order + kind))
-            else:
-                fields.append((f"count {name}", self.order + counts))
-                fields.append((name, self.order + kind, (size,)))
-        record = np.dtype(fields)
-        lists = [p[0] for p in element.properties if p[1] is not None]
-        end = self.position + record.itemsize * element.count
-        if end <= len(self.data):
-            rows = np.frombuffer(self.data, record, element.count, self.position)
-            if all((rows[f"count {n}"] == rows[n].shape[1]).all() for n in lists):
-                self.position = end
-                return {name: rows[name] for name, _, _ in element.properties}
-        if not lists:
-            raise ValueError("the file ends too soon")
-        return self._walk(element)
-
-    def _count(self, element: _Element, wanted: str) -> int:
-        """Length of a list in the first record."""
-        if element.count == 0:
-            return 0
-        position = self.position
-        for name, counts, kind in element.properties:
-            if counts is None:
-                position += np.dtype(kind).itemsize
-                continue
-            size = int(np.frombuffer(self.data, self.order + counts, 1, position)[0])
-            if name == wanted:
-                return size
-            position += np.dtype(counts).itemsize + size * np.dtype(kind).itemsize
-        raise KeyError(wanted)
-
-    def _walk(self, element: _Element) -> dict[str, NDArray[np.generic]]:
-        """Record by record, for lists of different lengths."""
+    def read(self, element: _Element) -> dict[str, _Column]:
+        """Read all records of one kind, a column for each property."""
+        if all(counts is None for _, counts, _ in element.properties):
+            return self._read_table(element)
         columns: dict[str, list[NDArray[np.generic]]] = {p[0]: [] for p in element.properties}
         for _ in range(element.count):
             for name, counts, kind in element.properties:
                 size = 1 if counts is None else int(self._take(counts, 1)[0])
                 columns[name].append(self._take(kind, size))
-        return {name: np.array(column, dtype=object) for name, column in columns.items()}
+        return dict(columns)
 
-    def _take(self, kind: str, count: int) -> NDArray[np.generic]:
-        values = np.frombuffer(self.data, self.order + kind, count, self.position)
-        self.position += values.nbytes
-        return values
+    def _read_table(self, element: _Element) -> dict[str, _Column]:
+        """Read records that hold no list, all at once."""
+        names = [name for name, _, _ in element.properties]
+        if self.order:
+            record = [(name, self.order + kind) for name, _, kind in element.properties]
+            rows = self._take(np.dtype(record), element.count)
+            return {name: rows[name] for name in names}
+        table = self._take("f8", element.count * len(names)).reshape(element.count, len(names))
+        return dict(zip(names, table.T, strict=True))
+
+    def _take(self, kind: str | np.dtype[np.void], count: int) -> NDArray[np.generic]:
+        """Read the next values."""
+        if isinstance(self.data, bytes):
+            kind = self.order + kind if isinstance(kind, str) else kind
+            values: NDArray[np.generic] = np.frombuffer(self.data, kind, count, self.position)
+            self.position += values.nbytes
+            return values
+        words = self.data[self.position : self.position + count]
+        if len(words) < count:
+            raise ValueError("the file ends too soon")
+        self.position += count
+        return np.array([float(word) for word in words])

@@ -1,6 +1,5 @@
 """Foreign meshes: read as they are, checked, refused with a reason."""
 
-import builtins
 import struct
 import warnings
 
@@ -11,7 +10,6 @@ from mocap_fit.errors import (
     ConfigurationError,
     DataError,
     FileFormatError,
-    MissingExtraError,
     MocapFitError,
     MocapFitWarning,
 )
@@ -60,7 +58,8 @@ def write_with(library, path, vertices, triangles):
 
         pyvista.PolyData.from_regular_faces(vertices, triangles).save(path)
     else:
-        trimesh = pytest.importorskip("trimesh")
+        import trimesh
+
         trimesh.Trimesh(vertices, triangles, process=False).export(path)
     return path
 
@@ -138,7 +137,8 @@ def test_obj_objects_become_parts_and_groups_that_share_vertices_regions(tmp_pat
 
 
 def test_glb_objects_become_parts_where_they_stand(tmp_path):
-    trimesh = pytest.importorskip("trimesh")
+    import trimesh
+
     vertices, triangles = egg()
     scene = trimesh.Scene()
     for name, shift in (("face", 0.0), ("tongue", 0.02)):
@@ -389,18 +389,3 @@ def test_the_suggested_scale_works(tmp_path):
         read_mesh(path)
     suggested = float(str(caught.value).split("scale=")[1].rstrip("."))
     assert len(read_mesh(path, scale=suggested).vertices) == len(V)
-
-
-def test_without_trimesh_the_extra_is_named(tmp_path, monkeypatch):
-    path = tmp_path / "a.glb"
-    path.write_bytes(b"glTF")
-    real_import = builtins.__import__
-
-    def without(name, *arguments, **more):
-        if name == "trimesh":
-            raise ImportError(name)
-        return real_import(name, *arguments, **more)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(MissingExtraError, match=r"pip install 'mocap-fit\[mesh\]'"):
-        read_mesh(path)
