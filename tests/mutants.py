@@ -5,8 +5,6 @@ copy of the repository with a numba cache of its own, and names those that no te
 changes nothing has a line ``FILE: CHANGE # REASON`` in ``tests/equivalent_mutants.txt``.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import os
@@ -54,7 +52,7 @@ def changes(node: ast.AST) -> Iterator[ast.AST]:
             yield ast.BinOp(node.left, SWAPS[type(node.op)](), node.right)
     elif isinstance(node, ast.BoolOp):
         yield ast.BoolOp(SWAPS[type(node.op)](), node.values)
-    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.Not):
+    elif isinstance(node, ast.UnaryOp):
         yield node.operand
     elif isinstance(node, ast.AugAssign | ast.Expr) and not is_text(node.value):
         yield ast.Pass()
@@ -70,9 +68,8 @@ def walk(node: ast.AST) -> Iterator[tuple[ast.AST, str, int | None, ast.AST]]:
         if field in SKIPPED:
             continue
         for index, child in enumerate(value) if isinstance(value, list) else [(None, value)]:
-            if isinstance(child, ast.expr | ast.stmt):
-                yield node, field, index, child
             if isinstance(child, ast.AST):
+                yield node, field, index, child
                 yield from walk(child)
 
 
@@ -83,9 +80,8 @@ def mutants(room: Path) -> list[Mutant]:
         tree = ast.parse(path.read_text(encoding="utf-8"))
         for parent, field, index, child in list(walk(tree)):
             for changed in changes(child):
-                values, key = vars(parent), field
-                if index is not None:
-                    values, key = values[field], index
+                inside = index is not None
+                values, key = (getattr(parent, field), index) if inside else (vars(parent), field)
                 values[key] = ast.copy_location(changed, child)
                 words = f"{ast.unparse(child)[:60]} -> {ast.unparse(changed)[:60]}"
                 result.append((path, child.lineno, words, ast.unparse(tree)))
@@ -96,8 +92,8 @@ def mutants(room: Path) -> list[Mutant]:
 def run_tests(folder: Path, tests: list[str]) -> int:
     """Run the quick tests of a copy and return pytest's status; one that hangs has failed."""
     settings = {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "numba")}
-    command = [sys.executable, "-m", "pytest", "-qx", "-m", "not slow and not real_data", *tests]
     options = {"cwd": folder, "env": os.environ | settings, "capture_output": True}
+    command = [sys.executable, "-m", "pytest", "-qx", "-m", "not slow and not real_data", *tests]
     try:
         return subprocess.run(command, timeout=300, check=False, **options).returncode
     except subprocess.TimeoutExpired:
