@@ -85,18 +85,18 @@ def made_corpus(utterances: int) -> Corpus:
     """Random phones whose targets are drawn towards their neighbours', the resistant ones less."""
     rng = np.random.default_rng(SEED)
     phone_set = load_phone_set("sv-sta")
-    symbols = [s for s in phone_set.symbols() if not phone_set.is_silence(s)]
+    symbols = [s for s in phone_set.list_symbols() if not phone_set.is_silence(s)]
     vowels = [s for s in symbols if phone_set.is_vowel(s)]
     consonants = [s for s in symbols if phone_set.is_consonant(s)]
     often = {s: (4.0 + i) ** -0.5 for part in (vowels, consonants) for i, s in enumerate(part)}
     names = ARTICULATORY_PARAMETERS
-    features = np.array([phone_set.features(s) for s in phone_set.symbols()])
+    features = np.array([phone_set.get_features(s) for s in phone_set.list_symbols()])
     goals = features @ rng.normal(0, 0.25, (features.shape[1], len(names)))
     goals += rng.normal(0, 0.15, goals.shape)
-    resists = np.array([resistance_of(phone_set, s, names) for s in phone_set.symbols()])
+    resists = np.array([resistance_of(phone_set, s, names) for s in phone_set.list_symbols()])
     strength = np.where(resists, 2.0, 0.5) * np.exp(rng.normal(0, 0.3, goals.shape))
     fading = np.exp(rng.normal(np.log(18.0), 0.3, goals.shape))
-    place = {s: i for i, s in enumerate(phone_set.symbols())}
+    place = {s: i for i, s in enumerate(phone_set.list_symbols())}
     found = []
     for number in range(utterances):
         said = [phone_set.silence]

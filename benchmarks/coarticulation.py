@@ -52,7 +52,7 @@ MOST, MOST_QUICK = 4000, 800
 def sentences(phone_set: PhoneSet, count: int) -> list[PhoneSequence]:
     """Random phones, some more frequent than others, in sentences of 300 frames."""
     rng = np.random.default_rng(SEED)
-    symbols = phone_set.symbols()
+    symbols = phone_set.list_symbols()
     often = 1.0 / (3.0 + rng.permutation(len(symbols)))
     found = []
     for number in range(count):
@@ -76,12 +76,12 @@ class Problem:
 
     def __init__(self, count: int, parameters: int) -> None:
         self.phone_set = load_phone_set("sv-sta")
-        self.symbols = self.phone_set.symbols()
+        self.symbols = self.phone_set.list_symbols()
         self.phones = sentences(self.phone_set, count)
         self.names = ARTICULATORY_PARAMETERS[:parameters]
         self.times = np.arange(FRAMES) / RATE
         self.positions = [
-            np.array([self.symbols.index(self.phone_set.symbol(s)) for s in each])
+            np.array([self.symbols.index(self.phone_set.get_symbol(s)) for s in each])
             for each in self.phones
         ]
         self.centres = [0.5 * (each.starts + each.ends) for each in self.phones]

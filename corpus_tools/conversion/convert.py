@@ -27,7 +27,7 @@ from corpus_tools.conversion.utterance import (
 )
 from mocap_fit._version import __version__
 from mocap_fit.errors import ConfigurationError, MocapFitError
-from mocap_fit.phones import phone_set_names
+from mocap_fit.phones import list_phone_sets
 from mocap_fit.processes import Died, on_this_machine
 
 MANIFEST = "manifest.toml"
@@ -119,7 +119,7 @@ def _manifest(path: Path, phone_set: str | None, layout: str | None) -> tuple[Ma
         raise ConfigurationError(
             f"there is no {MANIFEST}, and nothing says which phones the labels are written in",
             path=path,
-            expected=f"--phone-set with one of {', '.join(phone_set_names())}, or a file",
+            expected=f"--phone-set with one of {', '.join(list_phone_sets())}, or a file",
         )
     return Manifest.model_validate(given), path
 

@@ -15,7 +15,7 @@ from corpus_tools.conversion.plan import Job, Settings
 from mocap_fit.errors import DataError, MocapFitError, MocapFitWarning
 from mocap_fit.io import read_tracks
 from mocap_fit.labels import read_phones
-from mocap_fit.phones import PhoneSequence, UnknownPhone, check_phones
+from mocap_fit.phones import PhoneSequence, UnknownPhone, find_unknown_phones
 from mocap_fit.sound import Sound, energy_db, synchronise
 from mocap_fit.tracks import MarkerTracks
 
@@ -100,7 +100,7 @@ def _unknown_phones(settings: Settings, root: Path, job: Job) -> tuple[UnknownPh
         return ()
     segments = tuple(s for s in raw if s.phone not in labels.table)
     raw = raw.replace(segments=segments, name=job.entry.id)
-    return check_phones(raw, settings.phone_set)
+    return find_unknown_phones(raw, settings.phone_set)
 
 
 def on_one_clock(

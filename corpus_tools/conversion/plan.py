@@ -21,7 +21,6 @@ from mocap_fit.errors import ConfigurationError, MocapFitError
 from mocap_fit.face import load_face
 from mocap_fit.fitting import Layout, load_layout
 from mocap_fit.phones import PhoneSet, load_phone_set
-from mocap_fit.phones.set_table import phone_set_from_table, phone_set_table
 
 # Feature points of MPEG-4 on the upper and lower lip: inner border, outer border.
 _LIPS = (("2.2", "2.3"), ("8.1", "8.2"))
@@ -84,7 +83,7 @@ class Settings:
     @cached_property
     def phone_set(self) -> PhoneSet:
         """What the labels are written in."""
-        return phone_set_from_table(self.phone_table)
+        return PhoneSet.from_dict(self.phone_table)
 
     def __getstate__(self) -> dict[str, Any]:
         return {key: value for key, value in self.__dict__.items() if key != "phone_set"}
@@ -192,7 +191,7 @@ def make_plan(
             jobs.append(_job(manifest, entry, finder))
         except MocapFitError as error:
             refused[entry.id] = str(error)
-    table = phone_set_table(phone_set)
+    table = phone_set.to_dict()
     settings = Settings(manifest, options, table, speakers, lips, fingerprints, fresh)
     kept = None if own is None else (Path(set_name).name, own)
     return Plan(entries, tuple(jobs), refused, settings, kept)

@@ -74,7 +74,7 @@ def _all_unknown(phones: Sequence[UnknownPhone]) -> str:
     places: dict[str, list[tuple[str, float]]] = {}
     for phone in phones:
         counts[phone.symbol] += phone.count
-        places.setdefault(phone.symbol, []).extend(phone.places)
+        places.setdefault(phone.symbol, []).extend(phone.occurrences)
     listed = "; ".join(
         str(UnknownPhone(symbol, counts[symbol], tuple(where[:_PLACES])))
         for symbol, where in sorted(places.items())

@@ -93,7 +93,7 @@ def run(
         If a file cannot be read, or no sentence is left.
     """
     from mocap_fit.drawing import save_figure
-    from mocap_fit.phones.triphones import select, triphone_table
+    from mocap_fit.phones.triphones import count_triphones, cover_triphones
 
     if count < 1 or not 1 <= words[0] <= words[1]:
         raise ConfigurationError(
@@ -114,9 +114,9 @@ def run(
             advice="Look at the dictionary, and at how many words a sentence may have.",
         )
     codes, phones = _as_symbols(found, phone_set, stress, dictionary or text)
-    table = triphone_table(codes, phones)
+    table = count_triphones(codes, phones)
     with console.progress("selecting sentences", min(count, table.sentences)) as advance:
-        chosen = select(table, count, advance)
+        chosen = cover_triphones(table, count, advance)
     console.make_folder(out)
     console.write_text(
         out / "sentences.txt", "".join(f"{found.texts[i]}\n" for i in chosen.sentences)
@@ -262,7 +262,7 @@ def _as_symbols(
         if parsed is None:
             unknown.append(label)
             continue
-        symbol = chosen.symbol(PhoneSegment(0, 1, *parsed), stress)
+        symbol = chosen.get_symbol(PhoneSegment(0, 1, *parsed), stress)
         row[position] = numbers.setdefault(symbol, len(numbers))
     if unknown:
         raise DataError(

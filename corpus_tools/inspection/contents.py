@@ -21,7 +21,7 @@ from mocap_fit.labels import (
     label_faults,
     read_all_labels,
 )
-from mocap_fit.phones import load_phone_set, phone_set_names, read_stored_phones
+from mocap_fit.phones import list_phone_sets, load_phone_set, read_stored_phones
 from mocap_fit.sound import energy_db, read_sound
 from mocap_fit.tracks.parquet_file import kind_of
 
@@ -120,7 +120,7 @@ def _tier(tier: Tier) -> dict[str, Any]:
 def _phone_sets(symbols: Mapping[str, int]) -> list[str]:
     """Names of the shipped phone sets that have all of the symbols."""
     fitting = []
-    for name in phone_set_names():
+    for name in list_phone_sets():
         phone_set = load_phone_set(name)
         # A set that computes what it is asked for has nearly everything.
         if phone_set.compute is None and all(phone_set.parse(s) is not None for s in symbols):

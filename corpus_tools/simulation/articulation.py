@@ -266,7 +266,7 @@ class Articulator:
         """All gestures of an utterance, phone by phone."""
         reduction = self.table.reduction.get(self._set.language, 1.0)
         for i, segment in enumerate(phones):
-            phone = self._set.phone(segment)
+            phone = self._set.get_phone(segment)
             strong = phone.resists or frozenset()
             for start, end, found in self._parts(segment):
                 for gesture in self.table.gestures:
@@ -289,7 +289,7 @@ class Articulator:
     def _parts(self, segment: PhoneSegment) -> Iterator[tuple[float, float, dict[str, float]]]:
         """The stretches of a phone with a target of their own: two of a diphthong."""
         found = self._traits_of(segment)
-        ends = self.table.diphthongs.ends.get(plain_sound(self._set.phone(segment)))
+        ends = self.table.diphthongs.ends.get(plain_sound(self._set.get_phone(segment)))
         if ends is None:
             yield segment.start, segment.end, found
             return
@@ -299,7 +299,7 @@ class Articulator:
 
     def _traits_of(self, segment: PhoneSegment) -> dict[str, float]:
         if segment.phone not in self._traits:
-            self._traits[segment.phone] = traits(self._set.phone(segment))
+            self._traits[segment.phone] = traits(self._set.get_phone(segment))
         return self._traits[segment.phone]
 
     def _anticipated(self, phones: PhoneSequence, active: _Active, parameter: str) -> float:

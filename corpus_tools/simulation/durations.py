@@ -140,7 +140,7 @@ def spoken(
     rules = table.rules_of(phone_set.language)
     rate = np.exp(_clipped(rng, table.noise.rate))
     symbols = {phone.phone for word in words for phone in word.phones}
-    known = {symbol: traits(phone_set.phone(symbol)) for symbol in symbols}
+    known = {symbol: traits(phone_set.get_phone(symbol)) for symbol in symbols}
     segments: list[PhoneSegment] = []
     clock = 0.0
 

@@ -208,7 +208,7 @@ class Language:
             return phones
         first = after[0].phone
         voiced = {partner: voiceless for voiceless, partner in self.voicing.items()}
-        values = self.phone_set.phone(first).values
+        values = self.phone_set.get_phone(first).values
         if first in self.voicing_neither or max(values["stop"], values["fricative"]) < 1:
             return phones
         change = dict(self.voicing) if values["voiced"] else voiced
@@ -233,7 +233,7 @@ class Language:
             afters = (*word.phones[1:], *(following or (None,)))[: len(word.phones)]
             for phone, after in zip(word.phones, afters, strict=True):
                 phones.append(phone)
-                if self.phone_set.phone(phone.phone).values["stop"] != 1:
+                if self.phone_set.get_phone(phone.phone).values["stop"] != 1:
                     continue
                 closed = after is not None and self._closes(phone.phone, after.phone)
                 if not closed:
@@ -242,12 +242,12 @@ class Language:
         return new
 
     def _closes(self, phone: str, after: str) -> bool:
-        values = self.phone_set.phone(after).values
+        values = self.phone_set.get_phone(after).values
         same = self._place(phone) == self._place(after)
         return values["stop"] == 1 or (values["nasal"] == 1 and same)
 
     def _place(self, symbol: str) -> tuple[str, ...]:
-        values = self.phone_set.phone(symbol).values
+        values = self.phone_set.get_phone(symbol).values
         places = ("bilabial", "dental", "retroflex", "velar")
         return tuple(place for place in places if values[place])
 
@@ -355,7 +355,7 @@ def _phones(symbols: Sequence[str], phone_set: PhoneSet) -> tuple[SpokenPhone, .
     if not parsed or None in parsed:
         return None
     return tuple(
-        SpokenPhone(phone, (stress or 0) if phone_set.phone(phone).takes_stress else None)
+        SpokenPhone(phone, (stress or 0) if phone_set.get_phone(phone).takes_stress else None)
         for phone, stress in (found for found in parsed if found is not None)
     )
 

@@ -164,7 +164,7 @@ def _tracks(
         inside = places == i
         if not inside.any():
             continue
-        found = traits(phone_set.phone(segment))
+        found = traits(phone_set.get_phone(segment))
         sound = next(sound for sound in table.sounds if sound.holds(found))
         voice, noise = sound.voice, np.full(int(inside.sum()), sound.noise)
         if found["vowel"]:

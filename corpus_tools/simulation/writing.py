@@ -264,7 +264,7 @@ speaker = "{SPEAKER}"
 
 def _labels(phones: PhoneSequence, phone_set: PhoneSet, end: float) -> Labels:
     """The tiers of a TextGrid."""
-    segments = [Label(s.start, s.end, phone_set.symbol(s)) for s in phones]
+    segments = [Label(s.start, s.end, phone_set.get_symbol(s)) for s in phones]
     words: list[Label] = []
     before = None
     for segment in phones:

@@ -14,7 +14,7 @@ from mocap_fit.control import ControlModel
 from mocap_fit.errors import ConfigurationError, FileFormatError
 from mocap_fit.face import load_face
 from mocap_fit.face.rig import Rig
-from mocap_fit.phones import PhoneSequence, PhoneSet, load_phone_set, phone_set_names
+from mocap_fit.phones import PhoneSequence, PhoneSet, list_phone_sets, load_phone_set
 from mocap_fit.processes import available_processes
 from mocap_fit.sound import Sound, read_sound
 from mocap_fit.tracks import MarkerTracks, ParameterTracks
@@ -316,7 +316,7 @@ def _phone_set_of(source: Source) -> PhoneSet:
 
     if source.phone_set is not None:
         return load_phone_set(
-            source.phone_set if source.phone_set in phone_set_names() else Path(source.phone_set)
+            source.phone_set if source.phone_set in list_phone_sets() else Path(source.phone_set)
         )
     voice = LANGUAGES.get(source.language)
     return load_phone_set("ipa" if voice is None else voice.phone_set)

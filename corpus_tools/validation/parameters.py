@@ -261,7 +261,7 @@ def closures(
     found = []
     for label in phones:
         parsed = phone_set.parse(label.text)
-        if parsed is None or "bilabial_stop" not in phone_set.phone(parsed[0]).classes():
+        if parsed is None or "bilabial_stop" not in phone_set.get_phone(parsed[0]).get_classes():
             continue
         inside = (times >= label.start - margin) & (times < label.end + margin) & there
         if not inside.any():

@@ -23,7 +23,7 @@ from mocap_fit.control.model_file import read_model_file, write_model_file
 from mocap_fit.control.streaming import Stream, WindowStream
 from mocap_fit.corpus import Corpus
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
-from mocap_fit.phones import PhoneSequence, PhoneSet, phone_set_from_table, phone_set_table
+from mocap_fit.phones import PhoneSequence, PhoneSet
 from mocap_fit.registry import Registry
 from mocap_fit.tracks import FloatArray, ParameterTracks
 
@@ -321,7 +321,7 @@ class ControlModel(abc.ABC):
             "model": self.name,
             "settings": _plain(self.settings),
             "parameter_names": list(self.parameter_names_),
-            "phone_set": phone_set_table(self.phone_set_),
+            "phone_set": self.phone_set_.to_dict(),
             "rate": self.rate_,
             "trained_on": self.trained_on_,
             "log": [dataclasses.astuple(entry) for entry in self.log_],
@@ -405,7 +405,7 @@ def load(path: str | os.PathLike[str]) -> ControlModel:
         }
         model = create(header["model"], **settings)
         model.parameter_names_ = tuple(header["parameter_names"])
-        model.phone_set_ = phone_set_from_table(header["phone_set"])
+        model.phone_set_ = PhoneSet.from_dict(header["phone_set"])
         model.rate_ = float(header["rate"])
         model.trained_on_ = dict(header["trained_on"])
         model.log_ = tuple(LogEntry(*entry) for entry in header["log"])

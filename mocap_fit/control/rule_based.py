@@ -134,7 +134,7 @@ class RuleBased(ControlModel):
 
     def _add(self, segment: PhoneSegment, held: dict[str, list[_Held]]) -> None:
         """Add what a segment specifies."""
-        phone = self.phone_set_.phone(segment)
+        phone = self.phone_set_.get_phone(segment)
         parts = self.table_.parts(phone)
         unstressed = self.stress and segment.stress == 0 and phone.kind == "vowel"
         factor = self.table_.unstressed if unstressed else 1.0

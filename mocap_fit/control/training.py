@@ -59,14 +59,14 @@ class Symbols:
         """The symbols of a corpus's phone set; of a set without end, those that the corpus has."""
         used = [segment for utterance in corpus for segment in utterance.phones]
         names = symbol_names(corpus.phone_set, stress, (segment.phone for segment in used))
-        found = {corpus.phone_set.symbol(segment, stress) for segment in used}
+        found = {corpus.phone_set.get_symbol(segment, stress) for segment in used}
         seen = np.array([name in found for name in names])
         return cls(corpus.phone_set, names, stress, seen)
 
     def __post_init__(self) -> None:
-        rows = np.array([self.phone_set.features(name) for name in self.names])
+        rows = np.array([self.phone_set.get_features(name) for name in self.names])
         object.__setattr__(self, "_features", rows)
-        kinds = tuple(self.phone_set.phone(name).kind for name in self.names)
+        kinds = tuple(self.phone_set.get_phone(name).kind for name in self.names)
         object.__setattr__(self, "_kinds", kinds)
 
     def __len__(self) -> int:
@@ -76,7 +76,7 @@ class Symbols:
         """Position of a phone among the symbols: its own, or that of the nearest learned one."""
         if isinstance(segment, str):
             segment = PhoneSegment(0.0, 1.0, segment)
-        symbol = self.phone_set.symbol(segment, self.stress)
+        symbol = self.phone_set.get_symbol(segment, self.stress)
         if symbol not in self._found:
             self._found[symbol] = self._nearest(symbol)
         return self._found[symbol]
@@ -88,10 +88,10 @@ class Symbols:
     def _nearest(self, symbol: str) -> int:
         if symbol in self.names and self.seen[self.names.index(symbol)]:
             return self.names.index(symbol)
-        kind = self.phone_set.phone(symbol).kind
+        kind = self.phone_set.get_phone(symbol).kind
         same = self.seen & np.array([other == kind for other in self._kinds])
         allowed = same if same.any() else self.seen
-        apart = np.sum((self._features - self.phone_set.features(symbol)) ** 2, axis=1)
+        apart = np.sum((self._features - self.phone_set.get_features(symbol)) ** 2, axis=1)
         return int(np.argmin(np.where(allowed, apart, np.inf)))
 
     def state(self) -> dict[str, Any]:
@@ -178,8 +178,8 @@ def _from_speech(phones: PhoneSequence, times: FloatArray, phone_set: PhoneSet) 
 def symbol_names(phone_set: PhoneSet, stress: bool, used: Iterable[str] = ()) -> tuple[str, ...]:
     """All symbols of a set; of a set without end, those of the phones that are used."""
     if phone_set.compute is None:
-        return phone_set.symbols(stress)
-    return phone_set.only(used).symbols(stress)
+        return phone_set.list_symbols(stress)
+    return phone_set.select(used).list_symbols(stress)
 
 
 def check_phone_set(corpus: Corpus, name: str) -> None:

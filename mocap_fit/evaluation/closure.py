@@ -63,8 +63,8 @@ def segment_gaps(
     at = phones.at(times)
     kinds: list[int] = []
     for segment in phones:
-        phone = phone_set.phone(segment)
-        bilabial = "bilabial_stop" in phone.classes()
+        phone = phone_set.get_phone(segment)
+        bilabial = "bilabial_stop" in phone.get_classes()
         is_open = phone.kind == "vowel" and phone.values["open"] >= OPEN_VOWEL
         kinds.append(1 if bilabial else 2 if is_open else 0)
     wanted = np.array([*kinds, 0])[at] > 0

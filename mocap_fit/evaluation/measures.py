@@ -35,7 +35,7 @@ def frame_groups(
     phones: PhoneSequence, phone_set: PhoneSet, times: FloatArray
 ) -> NDArray[np.bool_]:
     """Which frames belong to which of `GROUPS`, `(groups, frames)`."""
-    kinds = [phone_set.phone(segment).kind for segment in phones]
+    kinds = [phone_set.get_phone(segment).kind for segment in phones]
     members = np.zeros((len(GROUPS), len(phones) + 1), dtype=bool)
     for i, kind in enumerate(kinds):
         members[:, i] = (kind != "silence", kind == "vowel", kind == "consonant")

@@ -221,7 +221,7 @@ def to_labels(
     segments, words = [], []
     for segment in phones:
         if phone_set is not None:
-            symbol = phone_set.symbol(segment)
+            symbol = phone_set.get_symbol(segment)
         else:
             symbol = segment.phone + ("" if segment.stress is None else str(segment.stress))
         segments.append(Label(segment.start, segment.end, symbol))

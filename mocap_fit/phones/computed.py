@@ -7,18 +7,24 @@ import unicodedata
 from typing import Any
 
 from mocap_fit.errors import MissingExtraError
-from mocap_fit.phones.phone_set import FEATURE_NAMES, Phone
+from mocap_fit.phones.phone import FEATURE_NAMES, Phone, PhoneClass
 
 # panphon calls these back vowels.
 _CENTRAL = frozenset("ɨʉɘɵəɜɞɐa")
 _GLOTTAL_FRICATIVES = frozenset("hɦ")
 _LABIODENTAL = frozenset("fvɱʋⱱ")
+_TRILLS = frozenset("rʙʀ")
+_BRIDGE = "\N{COMBINING BRIDGE BELOW}"
 _RINGS = frozenset("\N{COMBINING RING BELOW}\N{COMBINING RING ABOVE}")
 _LEFT_OUT = str.maketrans("", "", "\u035c\u0361" + "".join(sorted(_RINGS)))
 
 
-def computed_phone(symbol: str) -> Phone | None:
-    """The phone that an IPA symbol stands for.
+def compute_phone(symbol: str) -> Phone | None:
+    """Compute the phone of an IPA symbol.
+
+    Places of articulation that the 17 features lack are approximated: palatal and uvular are half
+    velar, postalveolar is alveolar with protruded lips, and a glottal has no place. A trill is
+    half a stop.
 
     Parameters
     ----------
@@ -28,17 +34,15 @@ def computed_phone(symbol: str) -> Phone | None:
 
     Returns
     -------
-    Phone | None
-        None where panphon does not know the symbol, or it is more than one sound. Places that the
-        17 features lack go to the nearest: palatal is half velar, as is uvular; postalveolar is
-        alveolar with the lips pushed out; a glottal has no place. A trill is half a stop.
+    Phone or None
+        The phone; None where panphon does not know the symbol, or it is more than one sound.
 
     Raises
     ------
     MissingExtraError
         If panphon is not installed.
     """
-    table = _feature_table()
+    table = _load_feature_table()
     # IPA has letters of its own for these two, and keyboards do not.
     text = unicodedata.normalize("NFD", symbol).replace("g", "ɡ").replace(":", "ː")
     symbol = unicodedata.normalize("NFC", text)
@@ -55,10 +59,10 @@ def computed_phone(symbol: str) -> Phone | None:
         # The second part of a diphthong may be written as not syllabic.
         if any(sound["cons"] == 1 or sound["hi"] == 0 for _, sound in sounds):
             return None
-        each = [_vowel(part, sound) for part, sound in sounds]
+        each = [_compute_vowel(part, sound) for part, sound in sounds]
         values = {name: sum(v[name] for v in each) / len(each) for name in each[0]}
-        return _phone(symbol, "vowel", values)
-    each = [_consonant(part, sound) for part, sound in sounds]
+        return _create_phone(symbol, "vowel", values)
+    each = [_compute_consonant(part, sound) for part, sound in sounds]
     if len(each) == 2 and not (each[0]["stop"] == 1 and each[1]["fricative"] == 1):
         return None
     values = {name: max(v[name] for v in each) for name in each[0]}
@@ -66,15 +70,15 @@ def computed_phone(symbol: str) -> Phone | None:
         values["voiced"] = each[1]["voiced"]
     if voiceless:
         values["voiced"] = 0.0
-    return _phone(symbol, "consonant", values)
+    return _create_phone(symbol, "consonant", values)
 
 
-def _phone(symbol: str, kind: Any, values: dict[str, float]) -> Phone:
+def _create_phone(symbol: str, kind: PhoneClass, values: dict[str, float]) -> Phone:
     return Phone(symbol, kind, values, ipa=(symbol,), takes_stress=kind == "vowel")
 
 
 @functools.lru_cache(maxsize=1)
-def _feature_table() -> Any:
+def _load_feature_table() -> Any:
     try:
         import panphon
     except ImportError:
@@ -85,7 +89,7 @@ def _feature_table() -> Any:
     return panphon.FeatureTable()
 
 
-def _vowel(letters: str, sound: Any) -> dict[str, float]:
+def _compute_vowel(letters: str, sound: Any) -> dict[str, float]:
     values = dict.fromkeys(FEATURE_NAMES[1:-1], 0.0)
     tense = sound["tense"] == 1
     if sound["hi"] == 1:
@@ -109,43 +113,62 @@ def _vowel(letters: str, sound: Any) -> dict[str, float]:
     return values
 
 
-def _consonant(letters: str, sound: Any) -> dict[str, float]:
+def _compute_consonant(letters: str, sound: Any) -> dict[str, float]:
     values = dict.fromkeys(FEATURE_NAMES[1:-1], 0.0)
-    # panphon has glottals as sonorants with a raised or drawn back tongue.
+    # panphon has glottals as sonorants with a raised or retracted tongue.
     if letters[0] in _GLOTTAL_FRICATIVES:
         return values | {"fricative": 1.0, "voiced": float(letters[0] == "ɦ")}
     if letters[0] == "ʔ":
         return values | {"stop": 1.0}
-    coronal, front = sound["cor"] == 1, sound["ant"] == 1
-    postalveolar = coronal and not front and sound["distr"] == 1
-    high_back = sound["hi"] == 1 and sound["back"] == 1
+    voiced = {"voiced": float(sound["voi"] == 1)}
+    return (
+        values
+        | _compute_place(letters, sound)
+        | _compute_manner(letters, sound)
+        | _compute_lips(sound)
+        | voiced
+    )
+
+
+def _is_postalveolar(sound: Any) -> bool:
+    return bool(sound["cor"] == 1 and sound["ant"] != 1 and sound["distr"] == 1)
+
+
+def _compute_place(letters: str, sound: Any) -> dict[str, float]:
+    values: dict[str, float] = {}
+    high, back = sound["hi"] == 1, sound["back"] == 1
     if letters[0] in _LABIODENTAL:
         values["labiodental"] = 1.0
-    elif sound["lab"] == 1 and not high_back:
+    elif sound["lab"] == 1 and not (high and back):
         values["bilabial"] = 1.0
-    if coronal and front:
+    if _is_postalveolar(sound):
+        if not high:
+            values["alveolar"] = 1.0
+    elif sound["cor"] == 1 and sound["ant"] == 1:
         # The bridge below the letter is the mark of a dental.
-        dental = sound["distr"] == 1 or "\N{COMBINING BRIDGE BELOW}" in letters
+        dental = sound["distr"] == 1 or _BRIDGE in letters
         values["dental" if dental else "alveolar"] = 1.0
-    elif postalveolar and sound["hi"] != 1:
-        values["alveolar"] = 1.0
-    elif coronal and not postalveolar:
+    elif sound["cor"] == 1:
         values["retroflex"] = 1.0
-    if high_back:
-        values["velar"] = 1.0
-    elif sound["hi"] == 1 or sound["back"] == 1:
-        values["velar"] = 0.5
-    obstruent = sound["son"] == -1
-    values["nasal"] = float(sound["nas"] == 1)
-    values["stop"] = float(obstruent and (sound["cont"] == -1 or sound["delrel"] == 1))
-    values["fricative"] = float(obstruent and (sound["cont"] == 1 or sound["delrel"] == 1))
-    if sound["cont"] == 1 and obstruent:
-        values["stop"] = 0.0
-    if letters[0] in "rʙʀ":
-        values["stop"] = 0.5
-    values["voiced"] = float(sound["voi"] == 1)
-    if sound["round"] == 1:
-        values["rounded"], values["protruded"] = 1.0, 0.7
-    elif postalveolar and sound["strid"] == 1 and sound["hi"] != 1:
-        values["rounded"], values["protruded"] = 0.4, 0.6
+    if high or back:
+        values["velar"] = 1.0 if high and back else 0.5
     return values
+
+
+def _compute_manner(letters: str, sound: Any) -> dict[str, float]:
+    obstruent, continuous = sound["son"] == -1, sound["cont"] == 1
+    affricate = sound["delrel"] == 1
+    stop = obstruent and not continuous and (sound["cont"] == -1 or affricate)
+    return {
+        "nasal": float(sound["nas"] == 1),
+        "stop": 0.5 if letters[0] in _TRILLS else float(stop),
+        "fricative": float(obstruent and (continuous or affricate)),
+    }
+
+
+def _compute_lips(sound: Any) -> dict[str, float]:
+    if sound["round"] == 1:
+        return {"rounded": 1.0, "protruded": 0.7}
+    if _is_postalveolar(sound) and sound["strid"] == 1 and sound["hi"] != 1:
+        return {"rounded": 0.4, "protruded": 0.6}
+    return {}

@@ -1,4 +1,4 @@
-"""Reading labels as phones of a set, and mapping phones from one set to another."""
+"""Convert labels to phones of a set, and phones of one set to those of another."""
 
 from __future__ import annotations
 
@@ -11,44 +11,45 @@ from pathlib import Path
 import numpy as np
 
 from mocap_fit.errors import DataError
-from mocap_fit.phones.phone_set import FEATURE_NAMES, Phone, PhoneSet
+from mocap_fit.phones.phone import FEATURE_NAMES, Phone
+from mocap_fit.phones.phone_set import PhoneSet
 from mocap_fit.phones.set_file import load_phone_set
 from mocap_fit.phones.types import PhoneSegment, PhoneSequence
 
-# How many places of an unknown symbol are kept and shown.
-_PLACES = 3
-# Ties and the mark of a part that is not syllabic are written or left out as one likes.
+# Occurrences of an unknown symbol that are remembered and shown.
+_SHOWN = 3
+# Ties and the mark of a part that is not syllabic are optional in IPA.
 _OPTIONAL = str.maketrans("", "", "\u032f\u035c\u0361")
 
 
 @dataclass(frozen=True)
 class UnknownPhone:
-    """A symbol that a phone set does not have, or cannot be mapped.
+    """A symbol that a phone set does not have, or that cannot be mapped.
 
     Parameters
     ----------
     symbol
-        As it was found.
+        The symbol as labelled.
     count
-        How often.
-    places
-        The first places: the utterance's name, and the start in seconds.
+        Number of occurrences.
+    occurrences
+        The first occurrences: the name of the utterance, and the start in seconds.
     """
 
     symbol: str
     count: int
-    places: tuple[tuple[str, float], ...]
+    occurrences: tuple[tuple[str, float], ...]
 
     def __str__(self) -> str:
         where = ", ".join(
             f"{utterance + ' at ' if utterance else 'at '}{start:.3f} s"
-            for utterance, start in self.places
+            for utterance, start in self.occurrences
         )
-        more = ", …" if self.count > len(self.places) else ""
+        more = ", …" if self.count > len(self.occurrences) else ""
         return f"'{self.symbol}' {self.count}× ({where}{more})"
 
 
-def check_phones(
+def find_unknown_phones(
     sequences: PhoneSequence | Iterable[PhoneSequence], phone_set: PhoneSet | str | Path
 ) -> tuple[UnknownPhone, ...]:
     """Find the symbols that are not in a phone set.
@@ -56,16 +57,16 @@ def check_phones(
     Parameters
     ----------
     sequences
-        Labels of one utterance or of many.
+        Labels of one utterance, or of several.
     phone_set
-        The set, or its name or file.
+        Phone set, or its name or file.
 
     Returns
     -------
-    tuple[UnknownPhone, ...]
-        In the order of first appearance; empty if every label is in the set.
+    tuple of UnknownPhone
+        In the order of first occurrence; empty if all labels are in the set.
     """
-    chosen = _loaded(phone_set)
+    known_set = _load(phone_set)
     if isinstance(sequences, PhoneSequence):
         sequences = (sequences,)
     known: dict[str, bool] = {}
@@ -73,10 +74,10 @@ def check_phones(
     for sequence in sequences:
         for segment in sequence:
             if segment.phone not in known:
-                known[segment.phone] = chosen.parse(segment.phone) is not None
+                known[segment.phone] = known_set.parse(segment.phone) is not None
             if not known[segment.phone]:
                 unknown.append((sequence.name, segment))
-    return _gathered(unknown)
+    return _count_symbols(unknown)
 
 
 def normalise_phones(
@@ -84,64 +85,63 @@ def normalise_phones(
     phone_set: PhoneSet | str | Path,
     table: Mapping[str, str] | None = None,
 ) -> PhoneSequence:
-    """Read labels as phones of a set: its own symbols, stress apart, one symbol for silence.
+    """Convert labels to phones of a set.
+
+    Symbols become those of the set, stress is split off, and every spelling of silence becomes
+    the silence of the set. Where any stress is marked, vowels without a mark become unstressed
+    (0). Adjacent segments with different labels of one phone, such as a closure and its stop in
+    TIMIT, are joined.
 
     Parameters
     ----------
     sequence
         Labels as a file has them.
     phone_set
-        The set that they are written in, or its name or file.
+        Phone set of the labels, or its name or file.
     table
-        For labels that the set lacks, the symbols to read them as, with or without stress.
+        Replacements for labels that the set lacks, by label: symbols with or without stress.
 
     Returns
     -------
     PhoneSequence
-        Where any stress is marked, vowels without a mark are unstressed (0); where none is, it
-        stays None. Segments that touch and have different labels of the same phone, such as a
-        closure and its stop in TIMIT, become one.
+        The phones, with the name of the set.
 
     Raises
     ------
     DataError
-        If labels are not in the set; all of them are listed, with their places.
+        If labels are not in the set; all of them are listed, with their occurrences.
     """
-    chosen = _loaded(phone_set)
+    known_set = _load(phone_set)
     table = table or {}
-    parsed = [chosen.parse(table.get(s.phone, s.phone)) for s in sequence]
-    unknown = [
-        (sequence.name, segment)
-        for segment, found in zip(sequence, parsed, strict=True)
-        if found is None
-    ]
+    parsed = [known_set.parse(table.get(s.phone, s.phone)) for s in sequence]
+    pairs = list(zip(sequence, parsed, strict=True))
     _refuse(
-        unknown,
-        f"are not in the phone set '{chosen.name}'",
+        [(sequence.name, segment) for segment, symbol in pairs if symbol is None],
+        f"are not in the phone set '{known_set.name}'",
         "Give the set that the labels are written in, add the symbols to its file, or give a "
-        "table that says what to read them as.",
+        "table of replacements.",
     )
-    read: list[PhoneSegment] = []
+    phones: list[PhoneSegment] = []
     labels: list[str] = []
-    for segment, found in zip(sequence, parsed, strict=True):
-        assert found is not None
-        phone, stress = found
+    for segment, symbol in pairs:
+        assert symbol is not None
+        phone, stress = symbol
         stress = segment.stress if stress is None else stress
         new = dataclasses.replace(segment, phone=phone, stress=stress)
-        if read and _is_one(read[-1], new) and labels[-1] != segment.phone:
-            read[-1] = _joined(read[-1], new)
+        if phones and _is_one_phone(phones[-1], new) and labels[-1] != segment.phone:
+            phones[-1] = _join(phones[-1], new)
         else:
-            read.append(new)
+            phones.append(new)
         labels.append(segment.phone)
-    if any(segment.stress for segment in read):
-        read = [
+    if any(segment.stress for segment in phones):
+        phones = [
             dataclasses.replace(segment, stress=0)
-            if segment.stress is None and chosen.phone(segment.phone).takes_stress
+            if segment.stress is None and known_set.get_phone(segment.phone).takes_stress
             else segment
-            for segment in read
+            for segment in phones
         ]
-    return sequence.replace(segments=tuple(read), phone_set=chosen.name).with_step(
-        "normalise_phones", {"phone_set": chosen.name, "table": dict(table)}
+    return sequence.replace(segments=tuple(phones), phone_set=known_set.name).with_step(
+        "normalise_phones", {"phone_set": known_set.name, "table": dict(table)}
     )
 
 
@@ -153,74 +153,75 @@ def map_phones(
     source: PhoneSet | str | Path | None = None,
     nearest: bool = False,
 ) -> PhoneSequence:
-    """Write phones of one set as those of another, by their sound (IPA).
+    """Map phones of one set to those of another by their sound (IPA).
+
+    Times and stress stay the same. The release of a stop is joined to its stop where the second
+    set has no releases.
 
     Parameters
     ----------
     sequence
-        Phones of a set, in any of its spellings.
+        Phones of the first set, in any of its spellings.
     to
-        The set to write them in, or its name or file.
+        Second set, or its name or file.
     table
-        What to write for phones of the first set, before any sound is compared.
+        Symbols of the second set by symbols of the first; they precede the comparison by sound.
     source
-        The set that the phones are from; the sequence's own `phone_set` when it is left out.
+        First set, or its name or file; the `phone_set` of the sequence where not given.
     nearest
-        Whether a sound that the second set lacks becomes the nearest of its kind by features; else
-        it is an error.
+        Whether a sound that the second set lacks becomes the phone of the same kind with the
+        nearest features. Otherwise it is an error.
 
     Returns
     -------
     PhoneSequence
-        With the same times and stress. The release of a stop joins the stop before it where the
-        second set has no releases.
+        Phones of the second set.
 
     Raises
     ------
     DataError
-        If phones are not in the first set, or cannot be written in the second; all of them are
-        listed, with their places.
+        If phones are not in the first set, or have no counterpart in the second; all of them are
+        listed, with their occurrences.
     """
-    target = _loaded(to)
+    target = _load(to)
     origin = source if source is not None else sequence.phone_set
     if not origin:
         raise DataError(
             f"the phone set of '{sequence.name}' is not known",
-            advice="Say which it is: map_phones(..., source=NAME).",
+            advice="Name it: map_phones(..., source=NAME).",
         )
-    chosen = _loaded(origin)
-    read = normalise_phones(sequence, chosen)
-    mapping = _SoundMap(chosen, target, dict(table or {}), nearest)
-    written: list[PhoneSegment] = []
+    source_set = _load(origin)
+    sound_map = _SoundMap(source_set, target, table or {}, nearest)
+    mapped: list[PhoneSegment] = []
     missing: list[tuple[str, PhoneSegment]] = []
-    for segment in read:
-        phone = chosen.phone(segment.phone)
-        found = mapping.find(phone)
-        if found is not None:
-            stress = segment.stress if found.takes_stress else None
-            written.append(dataclasses.replace(segment, phone=found.symbol, stress=stress))
-        elif phone.values["release"] and written and written[-1].end == segment.start:
-            written[-1] = _joined(written[-1], segment)
+    for segment in normalise_phones(sequence, source_set):
+        phone = source_set.get_phone(segment.phone)
+        counterpart = sound_map.find(phone)
+        if counterpart is not None:
+            stress = segment.stress if counterpart.takes_stress else None
+            mapped.append(dataclasses.replace(segment, phone=counterpart.symbol, stress=stress))
+        elif phone.values["release"] and mapped and mapped[-1].end == segment.start:
+            mapped[-1] = _join(mapped[-1], segment)
         else:
             missing.append((sequence.name, segment))
     _refuse(
         missing,
-        f"of '{chosen.name}' have no sound in the phone set '{target.name}'",
+        f"of '{source_set.name}' have no sound in the phone set '{target.name}'",
         "Give a table for them, or take the nearest sounds (nearest=True).",
     )
     arguments = {
-        "from": chosen.name,
+        "from": source_set.name,
         "to": target.name,
         "table": dict(table or {}),
         "nearest": nearest,
     }
-    return sequence.replace(segments=tuple(written), phone_set=target.name).with_step(
+    return sequence.replace(segments=tuple(mapped), phone_set=target.name).with_step(
         "map_phones", arguments
     )
 
 
 class _SoundMap:
-    """Finds the phone of one set for that of another."""
+    """Counterparts in one phone set of the phones of another."""
 
     def __init__(
         self, source: PhoneSet, target: PhoneSet, table: Mapping[str, str], nearest: bool
@@ -228,40 +229,41 @@ class _SoundMap:
         self.target = target
         self.nearest = nearest
         self.sounds: dict[str, Phone] = {}
-        # Main sounds first, so that one that another phone may also stand for does not win.
+        # Main sounds first: they win over the other sounds that a symbol stands for.
         for position in (slice(0, 1), slice(1, None)):
             for phone in target.phones:
                 for sound in phone.ipa[position]:
-                    self.sounds.setdefault(_plain(sound), phone)
-        self.found: dict[str, Phone | None] = {}
+                    self.sounds.setdefault(_simplify_ipa(sound), phone)
+        self.cached: dict[str, Phone | None] = {}
         for symbol, wanted in table.items():
-            self.found[source.phone(symbol).symbol] = target.phone(wanted)
+            self.cached[source.get_phone(symbol).symbol] = target.get_phone(wanted)
 
     def find(self, phone: Phone) -> Phone | None:
-        """The phone of the second set; None if there is none."""
-        if phone.symbol not in self.found:
-            self.found[phone.symbol] = self._look(phone)
-        return self.found[phone.symbol]
+        """Return the counterpart of a phone; None if there is none."""
+        if phone.symbol not in self.cached:
+            self.cached[phone.symbol] = self._search(phone)
+        return self.cached[phone.symbol]
 
-    def _look(self, phone: Phone) -> Phone | None:
+    def _search(self, phone: Phone) -> Phone | None:
         if phone.kind == "silence":
-            return self.target.phone(self.target.silence)
+            return self.target.get_phone(self.target.silence)
         for sound in phone.ipa:
-            if _plain(sound) in self.sounds:
-                return self.sounds[_plain(sound)]
+            if _simplify_ipa(sound) in self.sounds:
+                return self.sounds[_simplify_ipa(sound)]
         if self.target.compute is not None and phone.ipa:
             parsed = self.target.parse(phone.ipa[0])
-            return None if parsed is None else self.target.phone(parsed[0])
+            return None if parsed is None else self.target.get_phone(parsed[0])
         if phone.values["release"]:
             same = [p for p in self.target.phones if p.values == phone.values]
             return same[0] if same else None
         alike = [p for p in self.target.phones if p.kind == phone.kind and not p.values["release"]]
         if not self.nearest or not alike:
             return None
-        return min(alike, key=lambda other: _distance(phone, other))
+        return min(alike, key=lambda other: _compute_distance(phone, other))
 
 
-# What the lips show counts most, the place of the tongue less, voice least. Chosen, not measured.
+# Weights of the squared differences of features, chosen and not measured: what the lips show
+# counts most, the place of the tongue less, voice least.
 _CORONALS = ("dental", "retroflex", "alveolar")
 _WEIGHTS = dict.fromkeys(_CORONALS, 0.2) | {
     "bilabial": 4.0,
@@ -270,55 +272,59 @@ _WEIGHTS = dict.fromkeys(_CORONALS, 0.2) | {
     "front": 0.5,
 }
 _WEIGHT_ROW = np.array([_WEIGHTS.get(name, 1.0) for name in FEATURE_NAMES])
+# Length and being a diphthong are not among the features.
+_LENGTH_WEIGHT, _DIPHTHONG_WEIGHT = 0.05, 1.0
 
 
-def _distance(phone: Phone, other: Phone) -> float:
+def _compute_distance(phone: Phone, other: Phone) -> float:
     both = (phone, other)
     # The tip of the tongue at one place is like the tip at another, and unlike none.
     tip, other_tip = (max(p.values[name] for name in _CORONALS) for p in both)
-    apart = np.sum(_WEIGHT_ROW * (phone.features() - other.features()) ** 2)
-    # Length and being a diphthong are not among the features.
-    length, letters = zip(*map(_shape, both), strict=True)
-    shapes = 0.05 * (length[0] != length[1]) + 1.0 * (letters[0] != letters[1])
-    return float(apart + (tip - other_tip) ** 2 + shapes)
+    distance = np.sum(_WEIGHT_ROW * (phone.get_features() - other.get_features()) ** 2)
+    is_long, letters = zip(*map(_count_letters, both), strict=True)
+    shapes = _LENGTH_WEIGHT * (is_long[0] != is_long[1])
+    shapes += _DIPHTHONG_WEIGHT * (letters[0] != letters[1])
+    return float(distance + (tip - other_tip) ** 2 + shapes)
 
 
-def _shape(phone: Phone) -> tuple[bool, int]:
-    sound = _plain(phone.ipa[0]) if phone.ipa else ""
+def _count_letters(phone: Phone) -> tuple[bool, int]:
+    """Return whether the sound of a phone is long, and how many IPA letters it has."""
+    sound = _simplify_ipa(phone.ipa[0]) if phone.ipa else ""
     letters = [c for c in sound if unicodedata.category(c) == "Ll"]
     return "ː" in sound, len(letters)
 
 
-def _plain(sound: str) -> str:
+def _simplify_ipa(sound: str) -> str:
     plain = unicodedata.normalize("NFD", sound).translate(_OPTIONAL)
     return plain.replace("g", "ɡ").replace(":", "ː")
 
 
-def _is_one(before: PhoneSegment, after: PhoneSegment) -> bool:
+def _is_one_phone(before: PhoneSegment, after: PhoneSegment) -> bool:
     return before.phone == after.phone and before.end == after.start
 
 
-def _joined(before: PhoneSegment, after: PhoneSegment) -> PhoneSegment:
+def _join(before: PhoneSegment, after: PhoneSegment) -> PhoneSegment:
     # The energy was measured at a centre that has moved.
     stress = before.stress if before.stress is not None else after.stress
     return dataclasses.replace(before, end=after.end, stress=stress, energy_db=None)
 
 
-def _loaded(phone_set: PhoneSet | str | Path) -> PhoneSet:
+def _load(phone_set: PhoneSet | str | Path) -> PhoneSet:
     return phone_set if isinstance(phone_set, PhoneSet) else load_phone_set(phone_set)
 
 
-def _gathered(found: Iterable[tuple[str, PhoneSegment]]) -> tuple[UnknownPhone, ...]:
-    places: dict[str, list[tuple[str, float]]] = {}
-    for utterance, segment in found:
-        places.setdefault(segment.phone, []).append((utterance, segment.start))
+def _count_symbols(segments: Iterable[tuple[str, PhoneSegment]]) -> tuple[UnknownPhone, ...]:
+    occurrences: dict[str, list[tuple[str, float]]] = {}
+    for utterance, segment in segments:
+        occurrences.setdefault(segment.phone, []).append((utterance, segment.start))
     return tuple(
-        UnknownPhone(symbol, len(where), tuple(where[:_PLACES])) for symbol, where in places.items()
+        UnknownPhone(symbol, len(where), tuple(where[:_SHOWN]))
+        for symbol, where in occurrences.items()
     )
 
 
-def _refuse(found: Iterable[tuple[str, PhoneSegment]], problem: str, advice: str) -> None:
-    unknown = _gathered(found)
+def _refuse(segments: Iterable[tuple[str, PhoneSegment]], problem: str, advice: str) -> None:
+    unknown = _count_symbols(segments)
     if unknown:
         listed = "; ".join(str(phone) for phone in unknown)
         raise DataError(f"{len(unknown)} symbols {problem}: {listed}", advice=advice)

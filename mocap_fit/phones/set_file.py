@@ -1,4 +1,4 @@
-"""Reading phone sets from their files (TOML)."""
+"""Read phone sets from TOML files."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from mocap_fit.errors import ConfigurationError, first_fault
-from mocap_fit.phones.phone_set import (
+from mocap_fit.phones.phone import (
     ARTICULATORY_PARAMETERS,
     MANNERS,
     PLACES,
     VOWEL_FEATURES,
     Phone,
-    PhoneSet,
-    StressMarks,
 )
+from mocap_fit.phones.phone_set import PhoneSet, StressMarks
 
 _Share = Annotated[float, Field(ge=0, le=1)]
 _Graded = Annotated[float, Field(ge=-1, le=1)]
@@ -31,7 +30,7 @@ class _Strict(BaseModel):
 
 
 class _Row(_Strict):
-    """One phone, as a file has it."""
+    """A phone in a file."""
 
     kind: str = ""
     ipa: _Text | tuple[_Text, ...] = ()
@@ -57,7 +56,7 @@ class _Row(_Strict):
 
     @field_validator("kind")
     @classmethod
-    def _known_words(cls, kind: str) -> str:
+    def _check_features(cls, kind: str) -> str:
         unknown = [word for word in kind.split() if word not in (*PLACES, *MANNERS)]
         if unknown:
             raise ValueError(
@@ -67,7 +66,7 @@ class _Row(_Strict):
 
     @field_validator("resists")
     @classmethod
-    def _known_parameters(cls, resists: tuple[str, ...] | None) -> tuple[str, ...] | None:
+    def _check_parameters(cls, resists: tuple[str, ...] | None) -> tuple[str, ...] | None:
         unknown = [name for name in resists or () if name not in ARTICULATORY_PARAMETERS]
         if unknown:
             raise ValueError(
@@ -75,16 +74,16 @@ class _Row(_Strict):
             )
         return resists
 
-    def phone(self, symbol: str, kind: Literal["vowel", "consonant"], stress: bool) -> Phone:
-        """The phone of this row."""
+    def to_phone(self, symbol: str, kind: Literal["vowel", "consonant"], stress: bool) -> Phone:
+        """Convert the row to a phone."""
         values = {name: getattr(self, name) for name in (*PLACES, *MANNERS, *VOWEL_FEATURES)}
         values |= dict.fromkeys(self.kind.split(), 1.0)
         return Phone(
-            _composed(symbol),
+            _compose(symbol),
             kind,
             values,
             ipa=(self.ipa,) if isinstance(self.ipa, str) else self.ipa,
-            also=tuple(_composed(spelling) for spelling in self.also),
+            also=tuple(_compose(spelling) for spelling in self.also),
             takes_stress=stress,
             resists=None if self.resists is None else frozenset(self.resists),
             example=self.example,
@@ -92,7 +91,7 @@ class _Row(_Strict):
 
 
 class _VowelRow(_Row):
-    # Nobody forgets these by accident: a vowel without them would look like schwa.
+    # Required, so that nobody forgets them: a vowel without them would look like schwa.
     open: _Graded = Field()
     front: _Graded = Field()
     rounded: _Graded = Field()
@@ -114,7 +113,7 @@ class _Stress(_Strict):
     secondary: tuple[str, ...] = ()
 
     @model_validator(mode="after")
-    def _consistent(self) -> _Stress:
+    def _check_marks(self) -> _Stress:
         marks = {0: self.unstressed, 1: self.primary, 2: self.secondary}
         if sorted(set(self.levels)) != list(self.levels) or self.levels[:2] != (0, 1):
             raise ValueError("levels are [0, 1] or [0, 1, 2]")
@@ -128,8 +127,8 @@ class _Stress(_Strict):
             raise ValueError("only the mark of 'unstressed' may be empty")
         return self
 
-    def marks(self) -> StressMarks:
-        """The marks as a phone set keeps them."""
+    def to_marks(self) -> StressMarks:
+        """Convert the table to the marks of a phone set."""
         every = {0: self.unstressed, 1: self.primary, 2: self.secondary}
         return StressMarks(self.levels, {k: v for k, v in every.items() if v}, self.position)
 
@@ -146,33 +145,35 @@ class _SetFile(_Strict):
     consonants: dict[_Text, _Row] = {}
 
     @model_validator(mode="after")
-    def _sounds(self) -> _SetFile:
+    def _check_sounds(self) -> _SetFile:
         if not (self.vowels or self.consonants or self.features_from):
             raise ValueError("there are no phones: it needs [vowels] and [consonants]")
-        homes: dict[str, str] = {}
+        symbols: dict[str, str] = {}
         for symbol, row in {**self.vowels, **self.consonants}.items():
             for sound in (row.ipa,) if isinstance(row.ipa, str) else row.ipa:
-                if homes.setdefault(_composed(sound), symbol) != symbol:
+                if symbols.setdefault(_compose(sound), symbol) != symbol:
                     raise ValueError(
-                        f"'{homes[_composed(sound)]}' and '{symbol}' have the same ipa '{sound}'"
+                        f"'{symbols[_compose(sound)]}' and '{symbol}' have the same ipa '{sound}'"
                     )
         return self
 
-    def phones(self) -> tuple[Phone, ...]:
-        """Silence, the vowels and the consonants, in the order of the file."""
+    def to_phones(self) -> tuple[Phone, ...]:
+        """Return silence, the vowels and the consonants, in the order of the file."""
         silence = Phone(self.silence.symbol, "silence", also=self.silence.also)
         # Without marks of stress a phone has one symbol.
         marked = self.stress is not None
-        vowels = (r.phone(s, "vowel", r.stress and marked) for s, r in self.vowels.items())
-        others = (r.phone(s, "consonant", r.stress and marked) for s, r in self.consonants.items())
+        vowels = (r.to_phone(s, "vowel", r.stress and marked) for s, r in self.vowels.items())
+        others = (
+            r.to_phone(s, "consonant", r.stress and marked) for s, r in self.consonants.items()
+        )
         return (silence, *vowels, *others)
 
 
-def _composed(text: str) -> str:
+def _compose(text: str) -> str:
     return unicodedata.normalize("NFC", text)
 
 
-def phone_set_names() -> tuple[str, ...]:
+def list_phone_sets() -> tuple[str, ...]:
     """Names of the phone sets that come with the package."""
     files = resources.files("mocap_fit.phones").joinpath("sets").iterdir()
     return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
@@ -184,7 +185,7 @@ def load_phone_set(name: str | Path) -> PhoneSet:
     Parameters
     ----------
     name
-        The name of a set that comes with the package (`phone_set_names`), or a TOML file.
+        The name of a set that comes with the package (`list_phone_sets`), or a TOML file.
 
     Raises
     ------
@@ -193,7 +194,7 @@ def load_phone_set(name: str | Path) -> PhoneSet:
     """
     text_name = str(name)
     try:
-        if text_name in phone_set_names():
+        if text_name in list_phone_sets():
             folder = resources.files("mocap_fit.phones").joinpath("sets")
             text = folder.joinpath(f"{text_name}.toml").read_text("utf-8")
         else:
@@ -210,7 +211,7 @@ def load_phone_set(name: str | Path) -> PhoneSet:
             "the phone set cannot be read",
             path=text_name,
             found=getattr(error, "strerror", None) or error,
-            advice=f"Give a TOML file, or one of these: {', '.join(phone_set_names())}.",
+            advice=f"Give a TOML file, or one of these: {', '.join(list_phone_sets())}.",
         ) from None
     try:
         table = _SetFile.model_validate(content)
@@ -221,16 +222,16 @@ def load_phone_set(name: str | Path) -> PhoneSet:
         ) from None
     compute = None
     if table.features_from == "panphon":
-        from mocap_fit.phones.computed import computed_phone
+        from mocap_fit.phones.computed import compute_phone
 
-        compute = computed_phone
+        compute = compute_phone
     try:
         return PhoneSet(
             table.name or Path(text_name).stem,
-            table.phones(),
+            table.to_phones(),
             language=table.language,
             description=table.description,
-            stress=table.stress.marks() if table.stress else StressMarks(),
+            stress=table.stress.to_marks() if table.stress else StressMarks(),
             ignore_case=table.ignore_case,
             compute=compute,
         )

@@ -1,9 +1,9 @@
-"""Phones to and from Parquet.
+"""Read and write phones as Parquet files.
 
-One row a segment, with plain columns that pandas, polars and dask read as they are: `utterance`,
-`start` and `end` in seconds, `phone`, `stress` (0, 1, 2, or null where it is not marked), `word`
-and `energy_db` (null where it is not known). The phone set and the provenance are JSON in the
-schema's metadata. The same phones give the same bytes.
+One row a segment, with plain columns that pandas, polars and dask read: `utterance`, `start` and
+`end` in seconds, `phone`, `stress` (0, 1, 2, or null where not marked), `word` and `energy_db`
+(null where not known). The phone set and the provenance are JSON in the metadata of the schema.
+The same phones give the same bytes.
 """
 
 from __future__ import annotations
@@ -19,7 +19,14 @@ _COLUMNS = ("start", "end", "phone", "stress", "word", "energy_db")
 
 
 def write_phones(phones: PhoneSequence, path: str | os.PathLike[str]) -> None:
-    """Write phones as one Parquet file, whole or not at all.
+    """Write phones as a Parquet file, atomically.
+
+    Parameters
+    ----------
+    phones
+        Phones of an utterance.
+    path
+        File to write; an existing one is replaced.
 
     Raises
     ------
@@ -42,12 +49,22 @@ def write_phones(phones: PhoneSequence, path: str | os.PathLike[str]) -> None:
 
 
 def read_stored_phones(path: str | os.PathLike[str]) -> PhoneSequence:
-    """Read the phones that `write_phones` wrote.
+    """Read a Parquet file that `write_phones` wrote.
+
+    Parameters
+    ----------
+    path
+        File to read.
+
+    Returns
+    -------
+    PhoneSequence
+        The phones with their phone set, name and provenance.
 
     Raises
     ------
     FileFormatError
-        If the file cannot be read, is damaged, or does not hold phones of mocap-fit.
+        If the file cannot be read, is damaged, or does not hold phones.
     """
     table, description = read_table(
         path, ("phones",), "phones", "Read labels of another program with read_phones."

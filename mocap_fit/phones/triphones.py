@@ -1,9 +1,9 @@
 """Triphones of many sentences, and the sentences that cover the most of them.
 
-Beskow section 3 takes sentences from a large text so that they cover its triphones. Here: greedy,
-always the sentence with the most triphones that are not covered yet, which comes within 1 - 1/e
-of the best that can be done. Gains only ever fall, so an old gain is a bound, and only sentences
-at the top of a heap are counted again (lazy updates; Minoux 1978).
+Beskow section 3 selects sentences of a large text that cover its triphones. The selection here is
+greedy: always the sentence with the most triphones that are not covered yet, which is within
+1 - 1/e of the optimum. Gains only decrease, so an earlier gain is an upper bound, and only
+sentences at the top of a heap are counted again (lazy evaluation; Minoux 1978).
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ Codes = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class TriphoneTable:
-    """Which triphones each sentence has.
+    """The different triphones of each sentence.
 
     Parameters
     ----------
     starts
-        `(sentences + 1,)`: where each sentence's part of `triphones` starts.
+        Start of the part of each sentence in `triphones`, ``(sentences + 1,)``.
     triphones
-        The different triphones of one sentence after the other, as numbers from 0.
+        Different triphones of one sentence after the other, ``(entries,)``: numbers from 0.
     occurrences
-        `(kinds,)`: how often each triphone occurs in all sentences.
+        Occurrences of each triphone in all sentences, ``(kinds,)``.
     """
 
     starts: NDArray[np.int64]
@@ -42,31 +42,42 @@ class TriphoneTable:
 
     @property
     def sentences(self) -> int:
-        """How many sentences there are."""
+        """Number of sentences."""
         return self.starts.size - 1
 
     @property
     def kinds(self) -> int:
-        """How many different triphones there are."""
+        """Number of different triphones."""
         return self.occurrences.size
 
-    def of(self, sentence: int) -> NDArray[np.int32]:
-        """The different triphones of a sentence."""
+    def get_triphones(self, sentence: int) -> NDArray[np.int32]:
+        """Return the different triphones of a sentence.
+
+        Parameters
+        ----------
+        sentence
+            Index of the sentence.
+
+        Returns
+        -------
+        ndarray
+            Numbers of triphones, ``(triphones,)``, in increasing order.
+        """
         return self.triphones[self.starts[sentence] : self.starts[sentence + 1]]
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Sentences in the order in which they were taken.
+    """Sentences in the order in which they were selected.
 
     Parameters
     ----------
     sentences
-        `(taken,)`: their positions among all.
+        Indices of the sentences, ``(selected,)``.
     covered
-        `(taken,)`: how many kinds of triphones are covered with each and those before.
+        Different triphones that are covered by each sentence and those before, ``(selected,)``.
     occurrences
-        `(taken,)`: how often those kinds occur in all sentences.
+        Occurrences of the covered triphones in all sentences, ``(selected,)``.
     """
 
     sentences: NDArray[np.int64]
@@ -74,37 +85,42 @@ class Selection:
     occurrences: NDArray[np.int64]
 
 
-def triphone_table(sentences: Iterable[Codes], phones: int) -> TriphoneTable:
-    """Number the triphones of sentences.
+def count_triphones(sentences: Iterable[Codes], phones: int) -> TriphoneTable:
+    """Count the triphones of sentences.
 
     Parameters
     ----------
     sentences
-        Each as numbers of its phones, from 0 and below `phones`; those of the silences at its
-        ends included, where they are to count.
+        Phones of each sentence as numbers from 0, below `phones`, ``(segments,)`` each; with the
+        silence at both ends where triphones with silence count.
     phones
-        How many different phones there are.
+        Number of different phones.
+
+    Returns
+    -------
+    TriphoneTable
+        The different triphones of each sentence, and how often each occurs.
     """
     lengths: list[NDArray[np.int64]] = []
     codes: list[NDArray[np.int64]] = []
     kinds = np.empty(0, dtype=np.int64)
     counts = np.empty(0, dtype=np.int64)
-    for batch in _batches(iter(sentences)):
+    for batch in _split_into_batches(iter(sentences)):
         sizes = np.array([sentence.size for sentence in batch])
         every = np.concatenate(batch).astype(np.int64)
         owner = np.repeat(np.arange(len(batch)), sizes)
         three = (every[:-2] * phones + every[1:-1]) * phones + every[2:]
         inside = owner[:-2] == owner[2:]
-        found, number = np.unique(three[inside], return_inverse=True)
+        unique, number = np.unique(three[inside], return_inverse=True)
         # One number for a sentence and its triphone, so that each pair counts once.
-        pairs = np.sort(owner[:-2][inside] * max(found.size, 1) + number)
+        pairs = np.sort(owner[:-2][inside] * max(unique.size, 1) + number)
         pairs = pairs[np.diff(pairs, prepend=-1) > 0]
-        lengths.append(np.bincount(pairs // max(found.size, 1), minlength=len(batch)))
-        codes.append(found[pairs % max(found.size, 1)])
-        merged = np.union1d(kinds, found)
+        lengths.append(np.bincount(pairs // max(unique.size, 1), minlength=len(batch)))
+        codes.append(unique[pairs % max(unique.size, 1)])
+        merged = np.union1d(kinds, unique)
         total = np.zeros(merged.size, dtype=np.int64)
         total[np.searchsorted(merged, kinds)] += counts
-        total[np.searchsorted(merged, found)] += np.bincount(number, minlength=found.size)
+        total[np.searchsorted(merged, unique)] += np.bincount(number, minlength=unique.size)
         kinds, counts = merged, total
     numbered = [np.searchsorted(kinds, part).astype(np.int32) for part in codes]
     starts = np.cumsum(np.concatenate([np.zeros(1, dtype=np.int64), *lengths]))
@@ -112,59 +128,59 @@ def triphone_table(sentences: Iterable[Codes], phones: int) -> TriphoneTable:
     return TriphoneTable(starts, triphones, counts)
 
 
-def select(
-    table: TriphoneTable, count: int, told: Callable[[], object] = lambda: None
+def cover_triphones(
+    table: TriphoneTable, count: int, progress: Callable[[], object] = lambda: None
 ) -> Selection:
-    """Take the sentences that cover the most triphones, one by one.
+    """Select the sentences that cover the most triphones, one by one.
 
     Parameters
     ----------
     table
-        The triphones of all sentences.
+        Triphones of all sentences.
     count
-        How many to take; fewer are taken where nothing new is left.
-    told
-        Called after each one.
+        Number of sentences to select; fewer are selected where no triphone is left.
+    progress
+        Called after each sentence.
 
     Returns
     -------
     Selection
-        Of sentences with the same gain, the first is taken.
+        The sentences; of several with the same gain, the first is selected.
     """
     covered = np.zeros(table.kinds, dtype=bool)
     heap = [(-gain, i) for i, gain in enumerate(np.diff(table.starts).tolist()) if gain]
     heapq.heapify(heap)
-    taken: list[int] = []
-    reached: list[int] = []
-    while heap and len(taken) < count:
+    selected: list[int] = []
+    gains: list[int] = []
+    while heap and len(selected) < count:
         _, sentence = heap[0]
-        mine = table.of(sentence)
-        gain = mine.size - int(np.count_nonzero(covered[mine]))
+        triphones = table.get_triphones(sentence)
+        gain = triphones.size - int(np.count_nonzero(covered[triphones]))
         if not gain:
             heapq.heappop(heap)
             continue
-        # Back into the heap with the gain of now; it is the best if it is still on top.
+        # Back into the heap with the present gain; it is the best if it is still on top.
         heapq.heapreplace(heap, (-gain, sentence))
         if heap[0] != (-gain, sentence):
             continue
         heapq.heappop(heap)
-        covered[mine] = True
-        taken.append(sentence)
-        reached.append(gain)
-        told()
-    occurring = np.zeros(len(taken), dtype=np.int64)
+        covered[triphones] = True
+        selected.append(sentence)
+        gains.append(gain)
+        progress()
+    occurrences = np.zeros(len(selected), dtype=np.int64)
     new = np.ones(table.kinds, dtype=bool)
-    for rank, sentence in enumerate(taken):
-        mine = table.of(sentence)
-        occurring[rank] = table.occurrences[mine[new[mine]]].sum()
-        new[mine] = False
+    for rank, sentence in enumerate(selected):
+        triphones = table.get_triphones(sentence)
+        occurrences[rank] = table.occurrences[triphones[new[triphones]]].sum()
+        new[triphones] = False
     return Selection(
-        np.array(taken, dtype=np.int64),
-        np.cumsum(np.array(reached, dtype=np.int64)),
-        np.cumsum(occurring),
+        np.array(selected, dtype=np.int64),
+        np.cumsum(np.array(gains, dtype=np.int64)),
+        np.cumsum(occurrences),
     )
 
 
-def _batches(sentences: Iterator[Codes]) -> Iterator[list[Codes]]:
+def _split_into_batches(sentences: Iterator[Codes]) -> Iterator[list[Codes]]:
     while batch := list(islice(sentences, _BATCH)):
         yield batch

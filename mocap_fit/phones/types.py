@@ -1,7 +1,7 @@
 """Labelled phones of an utterance.
 
-A segment is ``[start, end)`` in seconds. A sequence is in the order of time and does not overlap;
-what lies between two segments is unlabelled, which is not the same as silent.
+A segment is ``[start, end)`` in seconds. A sequence is ordered in time and does not overlap; the
+time between two segments is unlabelled, which is not the same as silent.
 """
 
 from __future__ import annotations
@@ -18,6 +18,9 @@ from numpy.typing import NDArray
 from mocap_fit.errors import DataError
 from mocap_fit.tracks import FloatArray, Provenance, Step
 
+# Phones that the representation of a sequence lists.
+_SHOWN = 12
+
 
 @dataclass(frozen=True)
 class PhoneSegment:
@@ -25,16 +28,23 @@ class PhoneSegment:
 
     Parameters
     ----------
-    start, end
-        Seconds; the end is after the start.
+    start
+        Start, seconds.
+    end
+        End, seconds; later than the start.
     phone
-        The symbol, without its mark of stress.
+        Symbol, without its mark of stress.
     stress
-        0 unstressed, 1 primary, 2 secondary; None where it is not marked.
+        0 unstressed, 1 primary, 2 secondary; None where not marked.
     word
-        The word that the phone belongs to; empty where it is not known.
+        Word that the phone belongs to; empty where not known.
     energy_db
-        Energy of the sound at the segment's centre, decibels; None where it is not known.
+        Energy of the sound at the centre of the segment, decibels; None where not known.
+
+    Raises
+    ------
+    DataError
+        If the times are not finite and increasing, the symbol is empty, or the stress unknown.
     """
 
     start: float
@@ -62,29 +72,34 @@ class PhoneSegment:
 
     @property
     def duration(self) -> float:
-        """Seconds from start to end."""
+        """Duration, seconds."""
         return self.end - self.start
 
     @property
     def centre(self) -> float:
-        """The middle of the segment, seconds."""
+        """Middle of the segment, seconds."""
         return 0.5 * (self.start + self.end)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PhoneSequence:
     """The phones of an utterance.
 
     Parameters
     ----------
     segments
-        In the order of time, without overlap.
+        Segments in the order of time, without overlap.
     phone_set
-        Name of the phone set that the symbols are from; empty where it is not known.
+        Name of the phone set of the symbols; empty where not known.
     name
-        Of the utterance.
+        Name of the utterance.
     provenance
-        The steps that led here.
+        Processing steps that led to the phones.
+
+    Raises
+    ------
+    DataError
+        If two segments overlap or are out of order.
     """
 
     segments: tuple[PhoneSegment, ...]
@@ -104,6 +119,14 @@ class PhoneSequence:
                     expected="each to begin where the one before has ended, or later",
                 )
 
+    def __repr__(self) -> str:
+        name = f" {self.name}" if self.name else ""
+        phone_set = f" of {self.phone_set}" if self.phone_set else ""
+        first = " ".join(self.phones[:_SHOWN]) + (" …" if len(self) > _SHOWN else "")
+        return (
+            f"<PhoneSequence{name}: {len(self)} phones{phone_set}, {self.duration:.3f} s: {first}>"
+        )
+
     def __len__(self) -> int:
         return len(self.segments)
 
@@ -115,53 +138,88 @@ class PhoneSequence:
 
     @property
     def phones(self) -> tuple[str, ...]:
-        """The symbols."""
+        """Symbols of the segments."""
         return tuple(segment.phone for segment in self.segments)
 
     @property
     def starts(self) -> FloatArray:
-        """`(segments,)`, seconds."""
+        """Starts of the segments, ``(segments,)``, seconds."""
         return np.array([segment.start for segment in self.segments], dtype=np.float64)
 
     @property
     def ends(self) -> FloatArray:
-        """`(segments,)`, seconds."""
+        """Ends of the segments, ``(segments,)``, seconds."""
         return np.array([segment.end for segment in self.segments], dtype=np.float64)
 
     @property
     def duration(self) -> float:
-        """Seconds from the first start to the last end; 0 without segments."""
+        """Time from the first start to the last end, seconds; 0 without segments."""
         return self.segments[-1].end - self.segments[0].start if self.segments else 0.0
 
     def at(self, times: FloatArray) -> NDArray[np.int64]:
-        """Which segment is heard at each time.
+        """Return the index of the segment at each time.
 
         Parameters
         ----------
         times
-            `(times,)`, seconds.
+            Times, ``(times,)``, seconds.
 
         Returns
         -------
-        NDArray[np.int64]
-            `(times,)`: positions among the segments; -1 where nothing is labelled.
+        ndarray
+            Indices of segments, ``(times,)``; -1 where nothing is labelled.
         """
         times = np.asarray(times, dtype=np.float64)
         if not self.segments:
             return np.full(times.shape, -1, dtype=np.int64)
-        found = np.searchsorted(self.starts, times, side="right") - 1
-        inside = (found >= 0) & (times < self.ends[np.maximum(found, 0)])
-        return np.where(inside, found, -1).astype(np.int64)
+        indices = np.searchsorted(self.starts, times, side="right") - 1
+        inside = (indices >= 0) & (times < self.ends[np.maximum(indices, 0)])
+        return np.where(inside, indices, -1).astype(np.int64)
 
-    def gaps(self, shortest: float = 1e-6) -> tuple[tuple[float, float], ...]:
-        """Stretches between segments that nothing labels, as `(start, end)` in seconds."""
+    def find_gaps(self, shortest: float = 1e-6) -> tuple[tuple[float, float], ...]:
+        """Return the times between segments that are not labelled.
+
+        Parameters
+        ----------
+        shortest
+            Gaps up to this duration are left out, seconds.
+
+        Returns
+        -------
+        tuple of (float, float)
+            Start and end of each gap, seconds.
+        """
         pairs = zip(self.segments, self.segments[1:], strict=False)
         return tuple((a.end, b.start) for a, b in pairs if b.start - a.end > shortest)
 
     def replace(self, **changes: Any) -> Self:
-        """A copy with some fields changed, checked again."""
+        """Return a copy with some fields changed, checked again.
+
+        Parameters
+        ----------
+        **changes
+            New values by name of the field.
+
+        Returns
+        -------
+        PhoneSequence
+            The copy.
+        """
         return dataclasses.replace(self, **changes)
 
     def with_step(self, step: str, arguments: Mapping[str, Any] | None = None) -> Self:
-        """A copy whose provenance has one more step."""
+        """Return a copy whose provenance has one more step.
+
+        Parameters
+        ----------
+        step
+            Name of the step.
+        arguments
+            Arguments of the step, as JSON can hold them.
+
+        Returns
+        -------
+        PhoneSequence
+            The copy.
+        """
         return self.replace(provenance=(*self.provenance, Step(step, arguments or {})))

@@ -157,9 +157,9 @@ def stream_frames(
 
 def _one_language(name: str, own: PhoneSet) -> bool:
     """Whether a shipped phone set is of a language, or of all of them."""
-    from mocap_fit.phones import load_phone_set, phone_set_names
+    from mocap_fit.phones import list_phone_sets, load_phone_set
 
-    if name not in phone_set_names():
+    if name not in list_phone_sets():
         return False
     language = load_phone_set(name).language
     return not language or not own.language or language == own.language

@@ -212,7 +212,7 @@ class TextSpeaker:
             edges = np.linspace(start, end, len(parts) + 1).round().astype(int)
             for part, first, last in zip(parts, edges, edges[1:], strict=False):
                 phone = self._ipa.parse(part)
-                vowel = phone is not None and self._ipa.phone(phone[0]).takes_stress
+                vowel = phone is not None and self._ipa.get_phone(phone[0]).takes_stress
                 stress = _STRESS.get(sound_name[0], 0) if vowel else None
                 put(int(first), int(last), part, stress, word)
         if not any(segment.word for segment in segments):

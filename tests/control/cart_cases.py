@@ -43,7 +43,7 @@ def sentence(symbols, rng, name, phone_set, loud=None):
     segments, time = [], 0.0
     for symbol in symbols:
         phone, stress = phone_set.parse(symbol)
-        if stress is None and phone_set.phone(phone).takes_stress:
+        if stress is None and phone_set.get_phone(phone).takes_stress:
             stress = 0
         length = round(rng.uniform(0.05, 0.15), 3)
         energy = None if loud is None else float(loud(rng))

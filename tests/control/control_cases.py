@@ -52,7 +52,7 @@ def spoken(sentence: str, seed: int, phone_set="sv-sta", start: float = 0.0) -> 
         phone, stress = chosen.parse(label)
         # Lengths of whole milliseconds, which add up to what they are.
         length = round(rng.uniform(0.15, 0.25) if phone == "sil" else rng.uniform(0.05, 0.14), 3)
-        if chosen.phone(phone).takes_stress and stress is None:
+        if chosen.get_phone(phone).takes_stress and stress is None:
             stress = 0
         segments.append(PhoneSegment(round(time, 3), round(time + length, 3), phone, stress))
         time += length
@@ -62,7 +62,7 @@ def spoken(sentence: str, seed: int, phone_set="sv-sta", start: float = 0.0) -> 
 def moved(phones: PhoneSequence, names=NAMES, rate: float = RATE, phone_set=None):
     """Parameters that go with phones: targets by features, smoothed over 60 ms on both sides."""
     chosen = phone_set or load_phone_set(phones.phone_set)
-    features = np.array([chosen.features(segment) for segment in phones])
+    features = np.array([chosen.get_features(segment) for segment in phones])
     mix = np.random.default_rng(7).normal(0.0, 0.3, (features.shape[1], len(names)))
     frames = int(np.ceil(phones.duration * rate - 1e-6))
     times = phones[0].start + np.arange(frames) / rate

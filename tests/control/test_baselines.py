@@ -123,10 +123,10 @@ def test_unseen_phones_are_the_nearest_that_were_seen():
     # By the 17 features alone, within the kind.
     phone_set = load_phone_set("sv-sta")
     for phone in phone_set.phones:
-        found = phone_set.phone(taken_for(phone.symbol, 0 if phone.takes_stress else None))
+        found = phone_set.get_phone(taken_for(phone.symbol, 0 if phone.takes_stress else None))
         assert found.kind == phone.kind
-    unseen = phone_set.features("NG")
-    nearest = min("PST", key=lambda s: np.sum((phone_set.features(s) - unseen) ** 2))
+    unseen = phone_set.get_features("NG")
+    nearest = min("PST", key=lambda s: np.sum((phone_set.get_features(s) - unseen) ** 2))
     assert taken_for("NG") == nearest
 
 

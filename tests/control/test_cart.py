@@ -93,7 +93,7 @@ def test_attributes_are_what_they_are_called():
     assert names[second[:, 0]].tolist() == ["none"] * 8
     np.testing.assert_array_equal(duration[:-1], phones.ends[1:] - phones.starts[1:])
     assert np.isnan(duration[-1])
-    assert openness[3] == SWEDISH.phone("A").values["open"]
+    assert openness[3] == SWEDISH.get_phone("A").values["open"]
     assert np.isnan(energy).all()
 
 
@@ -394,7 +394,7 @@ def test_who_resists_is_learned_where_it_is_asked_for():
     assert set(names[by_set._resists[:, 0]]) == {
         name
         for name in set(spoken.utterances[0].phones.phones) | {"F", "M", "B", "P", "T", "L"}
-        if SWEDISH.resists(name, "jaw_rotation")
+        if SWEDISH.is_resistant(name, "jaw_rotation")
     }
     # Of a parameter that the phone set knows nothing of it is always learned.
     other = Cart().fit(corpus(rule, count=30, noise=0.02, names=("pc1", "pc2", "pc3")))

@@ -109,7 +109,7 @@ def test_a_closure_is_kept_at_every_time_that_is_held(seed, interpolation, smoot
 
 def lips(phones, i):
     """Closed in bilabial stops, but not always; open where the vowel is."""
-    classes = SWEDISH.classes(phones[i])
+    classes = SWEDISH.get_classes(phones[i])
     closed = "bilabial_stop" in classes
     wild = 0.3 if closed and neighbour(phones, i, 1) == "A" else 0.0
     return 0.0, 0.0, (0.05 if closed else 0.6) + wild
@@ -129,7 +129,7 @@ def test_bilabial_stops_close_at_every_rate(bound):
         tracks = kept.predict(new, rate)
         times = tracks.start_time + np.arange(len(tracks.values)) / rate
         for segment in new:
-            if "bilabial_stop" in SWEDISH.classes(segment):
+            if "bilabial_stop" in SWEDISH.get_classes(segment):
                 middle = np.abs(times - segment.centre) <= 0.3 * segment.duration
                 assert (tracks.values[middle, 2] <= limit + 1e-12).all()
 

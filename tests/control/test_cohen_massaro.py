@@ -179,7 +179,7 @@ def test_the_parameters_are_those_of_the_paper():
 def truth(count: int, seed: int, free, names, rate=60.0) -> Corpus:
     """Random utterances of Swedish phones that the given free parameters make."""
     phone_set = load_phone_set("sv-sta")
-    symbols = phone_set.symbols()
+    symbols = phone_set.list_symbols()
     rng = np.random.default_rng(seed)
     utterances = []
     for number in range(count):

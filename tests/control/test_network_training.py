@@ -43,7 +43,7 @@ def sentences(count, length=16, seed=0):
             [
                 "sil",
                 *(
-                    "'" * bool(chosen.phone(p).takes_stress and rng.random() < 0.4) + p
+                    "'" * bool(chosen.get_phone(p).takes_stress and rng.random() < 0.4) + p
                     for p in rng.choice(PHONES, length)
                 ),
                 "sil",

@@ -132,7 +132,7 @@ def test_inputs_are_the_phones_features_and_whether_something_is_spoken():
     vowel = PhoneSegment(0.0, 0.1, "A:", 1)
     found = phone_inputs(chosen, vowel)
     assert len(INPUT_NAMES) == len(found) == 18
-    np.testing.assert_array_equal(found[:-1], chosen.features(vowel))
+    np.testing.assert_array_equal(found[:-1], chosen.get_features(vowel))
     assert found[-1] == 1.0
     assert not phone_inputs(chosen, PhoneSegment(0.0, 0.1, "sil")).any()
     unstressed = phone_inputs(chosen, vowel, stress=False)

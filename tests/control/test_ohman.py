@@ -120,7 +120,7 @@ def test_the_parameters_are_those_of_the_paper():
 def truth(count: int, seed: int, targets, factors, names) -> Corpus:
     """Random utterances, some without a vowel, that targets and factors make."""
     phone_set = load_phone_set("sv-sta")
-    symbols = phone_set.symbols()
+    symbols = phone_set.list_symbols()
     is_vowel = np.array([phone_set.is_vowel(symbol) for symbol in symbols])
     rng = np.random.default_rng(seed)
     used = np.concatenate([np.flatnonzero(is_vowel)[:8], np.flatnonzero(~is_vowel)[:9]])

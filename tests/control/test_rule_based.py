@@ -16,11 +16,11 @@ from mocap_fit.phones import (
     ARTICULATORY_PARAMETERS,
     PhoneSegment,
     PhoneSequence,
+    list_phone_sets,
     load_phone_set,
-    phone_set_names,
 )
 
-LISTED = [name for name in phone_set_names() if name != "ipa"]
+LISTED = [name for name in list_phone_sets() if name != "ipa"]
 RATE = 100.0
 
 
@@ -56,7 +56,7 @@ def test_bilabials_close_the_lips_on_every_one(name, gap):
     centres = [model.predict_at(phones, np.array([0.3]))[0] for phones in long]
     widest = gap(np.array(centres)).max()
     assert widest > 8.0
-    closed = [p.symbol for p in phone_set.phones if "bilabial_stop" in p.classes()]
+    closed = [p.symbol for p in phone_set.phones if "bilabial_stop" in p.get_classes()]
     assert len(closed) >= 3
     for symbol in closed:
         for vowel in vowels[::4]:
@@ -76,7 +76,7 @@ def test_labiodentals_bring_the_lower_lip_to_the_teeth(name, gap):
         (p for p in phone_set.phones if p.kind == "vowel"), key=lambda p: p.values["open"]
     )
     for phone in phone_set.phones:
-        if "labiodental" not in phone.classes():
+        if "labiodental" not in phone.get_classes():
             continue
         phones = said([open_vowel.symbol, phone.symbol, open_vowel.symbol], name)
         centre = model.predict_at(phones, np.array([phones[1].centre]))[0]

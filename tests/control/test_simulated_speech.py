@@ -57,9 +57,9 @@ def test_the_trained_models_beat_phone_means_on_sentences_they_never_met(languag
                 inside = gaps[at == position]
                 if not len(inside):
                     continue
-                if "bilabial_stop" in corpus.phone_set.classes(segment):
+                if "bilabial_stop" in corpus.phone_set.get_classes(segment):
                     closed.append(inside.min())
-                elif corpus.phone_set.phone(segment).values["open"] >= 0.8:
+                elif corpus.phone_set.get_phone(segment).values["open"] >= 0.8:
                     widest.append(inside.max())
         assert len(closed) > 20
         assert np.mean(np.array(closed) < 0.1 * np.mean(widest)) >= part

@@ -10,7 +10,7 @@ from mocap_fit.errors import DataError
 from mocap_fit.phones import (
     PhoneSegment,
     PhoneSequence,
-    check_phones,
+    find_unknown_phones,
     load_phone_set,
     map_phones,
     normalise_phones,
@@ -81,7 +81,7 @@ def test_the_nearest_is_of_the_same_class(source, target):
     before = sequence(*phones, phone_set=source)
     after = map_phones(before, target, nearest=True)
     for phone, found in zip(before, after, strict=True):
-        assert SETS[source].phone(phone).kind == SETS[target].phone(found).kind
+        assert SETS[source].get_phone(phone).kind == SETS[target].get_phone(found).kind
         if source == target:
             assert phone.phone == found.phone
 
@@ -122,14 +122,14 @@ def test_all_unknown_symbols_are_listed_at_once_with_their_places():
         sequence("AA1", "QQ", "T", "QQ", "zz", name="first"),
         sequence("QQ", "QQ", "sil", "XX9", name="second"),
     ]
-    found = check_phones(many, "en-arpabet")
+    found = find_unknown_phones(many, "en-arpabet")
     assert [(unknown.symbol, unknown.count) for unknown in found] == [
         ("QQ", 4),
         ("zz", 1),
         ("XX9", 1),
     ]
-    assert [utterance for utterance, _ in found[0].places] == ["first", "first", "second"]
-    assert check_phones(sequence("AA1", "sp"), "en-arpabet") == ()
+    assert [utterance for utterance, _ in found[0].occurrences] == ["first", "first", "second"]
+    assert find_unknown_phones(sequence("AA1", "sp"), "en-arpabet") == ()
     labels = [f"X{i}" for i in range(60)]
     with pytest.raises(DataError, match="60 symbols are not in") as refusal:
         normalise_phones(sequence(*labels), "en-arpabet")
@@ -170,9 +170,9 @@ def test_every_phone_of_the_real_labels_is_known(data_folder):
     for path in sorted((data_folder / "grid_s1" / "labels").glob("*.TextGrid")):
         tier = path.read_text(encoding="utf-8").partition('name = "phones"')[2]
         labels = [label or "sil" for label in re.findall(r'text = "(.*)"', tier)]
-        assert check_phones(sequence(*labels, name=path.stem), "en-arpabet") == ()
+        assert find_unknown_phones(sequence(*labels, name=path.stem), "en-arpabet") == ()
         counts += len(labels)
     assert counts > 287 * 10
     mary = ["m", "ə", "r", "i", "r", "o", "l", "d", "θ", "ə", "b", "œ", "r", "l"]
-    assert check_phones(sequence(*mary), "ipa") == ()
-    assert check_phones(sequence("#", "e", "s", "e", "t"), "cs-sampa") == ()
+    assert find_unknown_phones(sequence(*mary), "ipa") == ()
+    assert find_unknown_phones(sequence("#", "e", "s", "e", "t"), "cs-sampa") == ()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mocap_fit.errors import ConfigurationError, DataError, MissingExtraError
-from mocap_fit.phones import check_phones, load_phone_set
+from mocap_fit.phones import find_unknown_phones, load_phone_set
 from mocap_fit.sound import energy_db
 from mocap_fit.synthesis import TextSpeaker, speak_text
 
@@ -47,7 +47,7 @@ def test_the_phones_of_three_languages(said, language, phones):
     expected = phones.split()
     assert len(found) == len(expected)
     assert sum(a == b for a, b in zip(found, expected, strict=True)) >= len(expected) - 2
-    assert not check_phones(spoken.phones, spoken.phones.phone_set)
+    assert not find_unknown_phones(spoken.phones, spoken.phones.phone_set)
 
 
 @pytest.mark.parametrize("language", TEXTS)
@@ -56,7 +56,7 @@ def test_labels_cover_the_sound_without_gaps(said, language):
     phones = spoken.phones
     assert phones[0].start == 0
     assert phones[len(phones) - 1].end == pytest.approx(spoken.sound.duration)
-    assert phones.gaps() == ()
+    assert phones.find_gaps() == ()
     assert (phones.ends - phones.starts > 0.002).all()
     silence = load_phone_set(phones.phone_set).silence
     assert phones[0].phone == phones[len(phones) - 1].phone == silence
@@ -118,7 +118,7 @@ def test_speed_and_silence():
 def test_quotes_line_breaks_and_long_texts():
     spoken = speak_text('He said: "no".\n\nThen {"he"} left. ' + "It rained. " * 30, "en")
     assert len(spoken.phones) > 200
-    assert spoken.phones.gaps() == ()
+    assert spoken.phones.find_gaps() == ()
 
 
 @pytest.mark.parametrize(

@@ -87,7 +87,7 @@ def learned_closures(
     """
     if not wanted:
         return {}
-    classes = {str(symbol): phone_set.classes(str(symbol)) for symbol in np.unique(symbols)}
+    classes = {str(symbol): phone_set.get_classes(str(symbol)) for symbol in np.unique(symbols)}
     is_stop = np.array(["bilabial_stop" in classes[str(symbol)] for symbol in symbols])
     is_vowel = np.array(["vowel" in classes[str(symbol)] for symbol in symbols])
     found: dict[int, Closure] = {}

@@ -43,7 +43,7 @@ _MOST_PHONES = 255 - len(GROUPS)
 
 def group_of(phone_set: PhoneSet, symbol: str) -> str:
     """The group of `GROUPS` that a phone belongs to."""
-    classes = phone_set.classes(symbol)
+    classes = phone_set.get_classes(symbol)
     name = " ".join(each for each in QUESTION_CLASSES if each in classes)
     return name if name in GROUPS else "consonant"
 
@@ -170,13 +170,13 @@ class ContextReader:
         found = self._numbers.get(key)
         if found is None:
             phone_set = self.alphabet.phone_set
-            symbol = phone_set.phone(segment).symbol
+            symbol = phone_set.get_phone(segment).symbol
             level = self.alphabet.level(symbol)
             resists = self._resistant[level]
             if level > len(self.alphabet.symbols):
                 resists = resistance_of(phone_set, symbol, self._names) & self._by_phone_set
             found = self._numbers[key] = len(self._kept)
-            self._kept.append(_Known(level, resists, phone_set.features(segment)))
+            self._kept.append(_Known(level, resists, phone_set.get_features(segment)))
         return found
 
     def columns(self, *utterances: PhoneSequence) -> list[NDArray[Any]]:
@@ -234,7 +234,7 @@ def resistance_of(
     """In which parameters a phone resists, as its set says, `(parameters,)`."""
     return np.array(
         [
-            name in ARTICULATORY_PARAMETERS and phone_set.resists(symbol, name)
+            name in ARTICULATORY_PARAMETERS and phone_set.is_resistant(symbol, name)
             for name in parameter_names
         ],
         dtype=np.bool_,

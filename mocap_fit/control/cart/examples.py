@@ -63,7 +63,7 @@ def alphabet_of(phones: Sequence[PhoneSequence], phone_set: PhoneSet) -> Alphabe
     labels = Counter(label for sequence in phones for label in sequence.phones)
     counted: Counter[str] = Counter()
     for label, times in labels.items():
-        counted[phone_set.phone(label).symbol] += times
+        counted[phone_set.get_phone(label).symbol] += times
     return Alphabet.of(counted, phone_set)
 
 
@@ -92,7 +92,7 @@ def resistance(
     if not len(learned):
         return resists
     labels = [label for sequence in phones for label in sequence.phones]
-    level_of = {label: alphabet.level(phone_set.phone(label).symbol) for label in set(labels)}
+    level_of = {label: alphabet.level(phone_set.get_phone(label).symbol) for label in set(labels)}
     levels = np.array([level_of[label] for label in labels])
     silent = alphabet.level(phone_set.silence)
     for p in learned:
@@ -120,7 +120,7 @@ def collect(
     """All segments with their attributes and targets."""
     phone_set = reader.alphabet.phone_set
     kinds = {(s.phone, s.stress): s for sequence in phones for s in sequence}
-    symbol_of = {key: phone_set.symbol(segment, by_stress) for key, segment in kinds.items()}
+    symbol_of = {key: phone_set.get_symbol(segment, by_stress) for key, segment in kinds.items()}
     symbols = [symbol_of[s.phone, s.stress] for sequence in phones for s in sequence]
     return Examples(
         np.array(symbols, dtype=np.str_),

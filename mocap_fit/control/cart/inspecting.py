@@ -139,7 +139,7 @@ def reasons(
         if segment not in (None, chosen.segment) or parameter not in (None, name):
             continue
         own = phones[chosen.segment]
-        symbol = model.phone_set_.symbol(own, model.by_stress)
+        symbol = model.phone_set_.get_symbol(own, model.by_stress)
         if chosen.key is None:
             found.append(Reason(chosen.segment, symbol, own.centre, name, 0.0, "", True, 0.0, ()))
             continue

@@ -325,7 +325,7 @@ def chain(phone_set: PhoneSet, symbol: str, by_stress: bool) -> list[tuple[str, 
     list[tuple[str, bool]]
         `TreeKey.of` and `TreeKey.pooled`.
     """
-    phone = phone_set.phone(symbol)
+    phone = phone_set.get_phone(symbol)
     found = [(symbol, False)]
     if by_stress and phone.takes_stress:
         written = (phone_set.stress.write(phone.symbol, level) for level in phone_set.stress.levels)
@@ -356,7 +356,7 @@ def _pooled_samples(grower: Grower, grown: set[tuple[str, int]], by_stress: bool
             for name, own in members.items()
         }
         wanted = set()
-        for symbol in phone_set.symbols(by_stress):
+        for symbol in phone_set.list_symbols(by_stress):
             names = chain(phone_set, symbol, by_stress)
             own = [of for of, pooled in names if not pooled]
             pools = [of for of, pooled in names if pooled and of in members]

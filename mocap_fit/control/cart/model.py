@@ -331,7 +331,7 @@ class Cart(ControlModel):
         columns = self._reader.columns(phones)
         audible = np.isfinite(energies(phones))
         for i, segment in enumerate(phones):
-            symbol = self.phone_set_.symbol(segment, self.by_stress)
+            symbol = self.phone_set_.get_symbol(segment, self.by_stress)
             for p in range(len(self.parameter_names_)):
                 key = self._key(symbol, p, bool(audible[i]))
                 values = [
@@ -362,7 +362,7 @@ class Cart(ControlModel):
         A phone for which nothing can be backed off to is at rest, 0.
         """
         audible = np.isfinite(energies(phones))
-        symbols = [self.phone_set_.symbol(segment, self.by_stress) for segment in phones]
+        symbols = [self.phone_set_.get_symbol(segment, self.by_stress) for segment in phones]
         rows = [
             self._row(symbol, heard)
             for symbol, heard in zip(symbols, audible.tolist(), strict=True)
@@ -396,7 +396,9 @@ class Cart(ControlModel):
         centres = 0.5 * (starts + ends)
         held = None
         if self.closures_:
-            is_stop = ["bilabial_stop" in self.phone_set_.classes(segment) for segment in phones]
+            is_stop = [
+                "bilabial_stop" in self.phone_set_.get_classes(segment) for segment in phones
+            ]
             half = np.where(is_stop, 0.5 * self.hold * (ends - starts), np.nan)
             # Not quite to the ends, where two stops that meet would have one knot.
             half = np.minimum(half, 0.499 * (ends - starts))

@@ -44,7 +44,7 @@ def phone_inputs(phone_set: PhoneSet, segment: PhoneSegment, stress: bool = True
     inputs = np.zeros(len(INPUT_NAMES))
     if phone_set.is_silence(segment):
         return inputs
-    inputs[:-1] = phone_set.features(segment)
+    inputs[:-1] = phone_set.get_features(segment)
     inputs[-1] = 1.0
     if not stress:
         inputs[INPUT_NAMES.index("stress")] = 0.0

@@ -28,7 +28,7 @@ class Levels(ControlModel):
         return 3 * len(self.parameter_names_)
 
     def _levels(self, phones, times):
-        kinds = [KINDS.index(self.phone_set_.phone(s).kind) for s in phones]
+        kinds = [KINDS.index(self.phone_set_.get_phone(s).kind) for s in phones]
         found = phones.at(times)
         return np.where(found >= 0, np.array(kinds)[found], 2)
 

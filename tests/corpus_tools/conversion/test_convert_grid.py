@@ -79,7 +79,7 @@ def test_vowels_are_louder_than_silence(corpus):
     opened = open_corpus(corpus)
     for utterance in opened:
         for segment in utterance.phones:
-            kind = opened.phone_set.phone(segment.phone).kind
+            kind = opened.phone_set.get_phone(segment.phone).kind
             if kind in energies:
                 energies[kind].append(segment.energy_db)
     assert np.median(energies["vowel"]) > np.median(energies["silence"]) + 20

@@ -12,7 +12,7 @@ from corpus_tools.cli import app as cli
 from corpus_tools.cli.console import Status
 from corpus_tools.conversion import select_sentences
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
-from mocap_fit.phones.triphones import select, triphone_table
+from mocap_fit.phones.triphones import count_triphones, cover_triphones
 
 sentences_of_phones = st.lists(
     st.lists(st.integers(0, 4), max_size=12).map(lambda s: np.array(s, dtype=np.int32)),
@@ -28,14 +28,14 @@ def triphones_of(sentence) -> list[tuple[int, ...]]:
 
 @given(sentences_of_phones)
 def test_the_table_has_each_sentences_triphones(sentences):
-    table = triphone_table(sentences, 5)
+    table = count_triphones(sentences, 5)
     every = [t for s in sentences for t in triphones_of(s)]
     kinds = sorted(set(every))
     assert table.sentences == len(sentences)
     assert table.kinds == len(kinds)
     assert table.occurrences.tolist() == [every.count(kind) for kind in kinds]
     for i, sentence in enumerate(sentences):
-        assert [kinds[k] for k in table.of(i)] == sorted(set(triphones_of(sentence)))
+        assert [kinds[k] for k in table.get_triphones(i)] == sorted(set(triphones_of(sentence)))
 
 
 @given(sentences_of_phones, st.integers(1, 12))
@@ -49,7 +49,7 @@ def test_lazy_updates_take_what_counting_everything_again_takes(sentences, count
         taken.append(int(np.argmax(gains)))
         covered |= set(triphones_of(sentences[taken[-1]]))
         reached.append(len(covered))
-    selection = select(triphone_table(sentences, 5), count)
+    selection = cover_triphones(count_triphones(sentences, 5), count)
     assert selection.sentences.tolist() == taken
     assert selection.covered.tolist() == reached
     every = [t for s in sentences for t in triphones_of(s)]
@@ -59,9 +59,9 @@ def test_lazy_updates_take_what_counting_everything_again_takes(sentences, count
 
 def test_batches_make_no_difference(monkeypatch, rng):
     sentences = [rng.integers(0, 6, rng.integers(0, 9)).astype(np.int32) for _ in range(50)]
-    whole = triphone_table(sentences, 6)
+    whole = count_triphones(sentences, 6)
     monkeypatch.setattr("mocap_fit.phones.triphones._BATCH", 7)
-    parts = triphone_table(iter(sentences), 6)
+    parts = count_triphones(iter(sentences), 6)
     for name in ("starts", "triphones", "occurrences"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(parts, name))
 

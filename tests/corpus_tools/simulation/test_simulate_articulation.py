@@ -50,7 +50,7 @@ def at_centres(said, language, wanted, track):
     phone_set, takes = said[language]
     found = []
     for phones, times, values in takes:
-        centres = [s.centre for s in phones if wanted(phone_set.phone(s), s)]
+        centres = [s.centre for s in phones if wanted(phone_set.get_phone(s), s)]
         found.append(np.stack([np.interp(centres, times, row) for row in values.T], axis=1))
     return track(np.concatenate(found))
 
@@ -60,7 +60,7 @@ def test_lips_close_on_every_bilabial(said, face, language):
     gaps = at_centres(
         said,
         language,
-        lambda phone, _: "bilabial_stop" in phone.classes(),
+        lambda phone, _: "bilabial_stop" in phone.get_classes(),
         lambda values: lip_distances(face, values),
     )
     assert len(gaps) > 25

@@ -80,7 +80,7 @@ def test_the_manifest_is_one(corpus):
 def test_labels_are_phones_of_the_set_with_their_stress(corpus):
     manifest = load_manifest(corpus / "manifest.toml")
     phone_set = load_phone_set(manifest.phone_set)
-    symbols = set(phone_set.symbols())
+    symbols = set(phone_set.list_symbols())
     for entry in entries(manifest, corpus):
         file = corpus / "labels" / f"{entry.id}.TextGrid"
         labels = read_labels(file)
@@ -88,7 +88,7 @@ def test_labels_are_phones_of_the_set_with_their_stress(corpus):
         words = [label.text for label in labels.tier("words").entries if label.text]
         assert " ".join(words).lower() == entry.text.lower().replace(",", "").rstrip(".?")
         phones = normalise_phones(read_phones(file), phone_set)
-        assert phones.gaps() == ()
+        assert phones.find_gaps() == ()
         assert phones[0].start == 0
         sound = read_sound(corpus / "sound" / f"{entry.id}.wav")
         assert phones[len(phones) - 1].end == pytest.approx(sound.duration, abs=1e-4)
@@ -130,8 +130,8 @@ def test_face_and_sound_agree_with_the_labels(corpus):
         sound = read_sound(corpus / "sound" / f"{name}.wav").without_channel(2)
         levels = energy_db(sound, 0.5 * (phones.starts + phones.ends))
         for segment, level in zip(phones, levels, strict=True):
-            phone = phone_set.phone(segment)
-            if "bilabial_stop" in phone.classes():
+            phone = phone_set.get_phone(segment)
+            if "bilabial_stop" in phone.get_classes():
                 values = [np.interp(segment.centre, truth.times, row) for row in truth.values.T]
                 closures.append(lip_distances(face, np.array([values]))[0])
             if phone.kind in energies:

@@ -9,7 +9,7 @@ import pytest
 from corpus_tools.simulation.durations import PAUSE, SpokenPhone, SpokenWord, load_durations, spoken
 from corpus_tools.simulation.sentences import LanguageFile, languages, load_language, read_language
 from mocap_fit.errors import ConfigurationError, DataError
-from mocap_fit.phones import check_phones
+from mocap_fit.phones import find_unknown_phones
 
 every_language = pytest.mark.parametrize("language", languages())
 COUNT = 287
@@ -198,8 +198,8 @@ def test_durations_are_plausible(drawn, language):
     for i, sentence in enumerate(drawn[language][:40]):
         sequence = spoken(sentence.words, chosen.phone_set, np.random.default_rng(i))
         assert sequence[0].start == 0
-        assert sequence.gaps() == ()
-        assert not check_phones(sequence, chosen.phone_set)
+        assert sequence.find_gaps() == ()
+        assert not find_unknown_phones(sequence, chosen.phone_set)
         whole.append(sequence.duration)
         for segment in sequence:
             if segment.phone == chosen.phone_set.silence:
