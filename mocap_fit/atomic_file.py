@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Files that are written completely or not at all."""
 
 from __future__ import annotations
 
@@ -7,42 +7,101 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from mocap_fit.errors import FileFormatError
+from mocap_fit.errors import (
+    ConfigurationError,
+    FileFormatError,
+    MocapFitError,
+    from_os_error,
+)
 
 
 @contextlib.contextmanager
-def whole_file(path: str | os.PathLike[str], noun: str = "file") -> Iterator[Path]:
-    """Give a name beside a file to write to, and make it the file when all went well.
+def write_atomically(path: str | os.PathLike[str], noun: str = "file") -> Iterator[Path]:
+    """Write a file under a temporary name and rename it when no error occurred.
 
     Parameters
     ----------
     path
-        The file; one that exists is replaced.
+        The file; an existing one is replaced.
     noun
-        What it is called when it cannot be written.
+        What the file is called in messages.
 
     Yields
     ------
     Path
-        The name to write to. Whatever goes wrong, nothing is left of it.
+        The temporary name, in the same folder. Nothing is left of it after an error.
 
     Raises
     ------
     FileFormatError
-        If the file cannot be written.
+        If the file cannot be written, or another file that an `OSError` names cannot be read.
+    MissingFileError
+        If another file that an `OSError` names does not exist.
     """
     target = Path(path)
     partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
     try:
         yield partial
         os.replace(partial, target)
+    except MocapFitError:
+        raise
     except OSError as error:
+        # Errors of writing name no file, or the temporary one.
+        other = error.filename
+        if isinstance(other, str | os.PathLike) and Path(other) not in (partial, target):
+            raise from_os_error(error, other) from None
         raise FileFormatError(
             f"the {noun} cannot be written",
             path=path,
-            found=os.strerror(error.errno) if error.errno else error,
+            found=error.strerror or error,
             advice="Check that the folder exists and may be written to.",
         ) from None
     finally:
         with contextlib.suppress(OSError):
             partial.unlink(missing_ok=True)
+
+
+def write_text(path: str | os.PathLike[str], text: str, noun: str = "file") -> None:
+    """Write a text file in UTF-8, completely or not at all.
+
+    Parameters
+    ----------
+    path
+        The file; an existing one is replaced.
+    text
+        The content; lines end as they end here.
+    noun
+        What the file is called in messages.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be written.
+    """
+    with write_atomically(path, noun) as partial:
+        partial.write_text(text, encoding="utf-8", newline="\n")
+
+
+def make_folder(path: str | os.PathLike[str]) -> None:
+    """Make a folder and its parents where they do not exist.
+
+    Parameters
+    ----------
+    path
+        The folder.
+
+    Raises
+    ------
+    ConfigurationError
+        If a file is in the way, or the folder may not be made.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(
+            "the folder cannot be made",
+            path=path,
+            found="a file of that name" if folder.is_file() else error.strerror,
+            advice="Give the name of another folder.",
+        ) from None

@@ -18,8 +18,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
-from mocap_fit.atomic_file import whole_file
-from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
+from mocap_fit.atomic_file import write_atomically
+from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, MissingFileError
 from mocap_fit.phones import (
     PhoneSequence,
     PhoneSet,
@@ -304,7 +304,8 @@ def open_corpus(path: str | os.PathLike[str]) -> Corpus:
     try:
         content = tomllib.loads(description.read_text(encoding="utf-8"))
     except OSError as error:
-        raise FileFormatError(
+        kind = MissingFileError if isinstance(error, FileNotFoundError) else FileFormatError
+        raise kind(
             "this is not a corpus",
             path=path,
             found=f"{DESCRIPTION_FILE}: {error.strerror}",
@@ -325,7 +326,14 @@ def open_corpus(path: str | os.PathLike[str]) -> Corpus:
         )
     try:
         name = content["phone_set"]
-        phone_set = load_phone_set(folder / name if (folder / name).is_file() else name)
+        try:
+            phone_set = load_phone_set(folder / name if (folder / name).is_file() else name)
+        except (ConfigurationError, FileFormatError) as error:
+            raise FileFormatError(
+                f"the phone set of the corpus cannot be used: {error.problem}",
+                path=error.path or description,
+                found=error.found,
+            ) from None
         return Corpus(
             read_utterances(folder),
             phone_set=phone_set,
@@ -342,12 +350,6 @@ def open_corpus(path: str | os.PathLike[str]) -> Corpus:
             "the description of the corpus lacks something",
             path=description,
             found=f"{type(error).__name__}: {error}",
-        ) from None
-    except ConfigurationError as error:
-        raise FileFormatError(
-            f"the phone set of the corpus cannot be used: {error.problem}",
-            path=error.path or description,
-            found=error.found,
         ) from None
 
 
@@ -383,7 +385,7 @@ def write_corpus(corpus: Corpus, folder: Path, phone_set_file: str | None = None
     }
     if corpus.rate is not None:
         content["rate"] = corpus.rate
-    with whole_file(folder / DESCRIPTION_FILE) as partial:
+    with write_atomically(folder / DESCRIPTION_FILE) as partial:
         partial.write_text(tomli_w.dumps(content), encoding="utf-8", newline="\n")
 
 

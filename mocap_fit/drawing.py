@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mocap_fit.atomic_file import whole_file
+from mocap_fit.atomic_file import write_atomically
 from mocap_fit.errors import FileFormatError
 
 if TYPE_CHECKING:
@@ -109,6 +109,6 @@ def save_figure(path: Path, draw: Callable[..., Figure], *arguments: Any) -> Non
             path=path,
             expected="a name in .png or .svg",
         )
-    with whole_file(path, "figure") as partial, matplotlib.rc_context(_STYLE):
+    with write_atomically(path, "figure") as partial, matplotlib.rc_context(_STYLE):
         figure = draw(*arguments)
         figure.savefig(partial, format=kind, dpi=150, metadata=_METADATA[kind])

@@ -7,28 +7,33 @@ ordinary Python exceptions.
 
 from __future__ import annotations
 
+import copy
+import errno
 import os
-from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
+
+_AnyError = TypeVar("_AnyError", bound="MocapFitError")
 
 
 class MocapFitError(Exception):
-    """A problem with the user's data, stated so that the user can mend it.
+    """A problem with the user's data, described so that the user can correct it.
 
     Parameters
     ----------
     problem
-        One sentence without a full stop: what is wrong.
+        What is wrong: one sentence without a full stop.
     path
-        The file it was found in.
+        The file that has the problem.
     line
-        The line of the file, from 1.
+        The line of the file, counted from 1.
     frame
-        The frame of the recording, from 0.
-    found, expected
-        What was there, and what should have been.
+        The frame of the recording, counted from 0.
+    found
+        What was there.
+    expected
+        What should have been there.
     advice
-        What to do about it.
+        What the user can do about it.
     """
 
     def __init__(
@@ -49,21 +54,21 @@ class MocapFitError(Exception):
         self.found = found
         self.expected = expected
         self.advice = advice
-        super().__init__(self._message())
+        super().__init__(self._compose_message())
 
-    def _message(self) -> str:
-        place = [self.path] if self.path is not None else []
+    def _compose_message(self) -> str:
+        location = [self.path] if self.path is not None else []
         if self.line is not None:
-            place.append(f"line {self.line}")
+            location.append(f"line {self.line}")
         if self.frame is not None:
-            place.append(f"frame {self.frame}")
-        text = ", ".join(place) + ": " if place else ""
+            location.append(f"frame {self.frame}")
+        text = ", ".join(location) + ": " if location else ""
         text += self.problem
         comparison = []
         if self.found is not None:
-            comparison.append(f"found {_shortened(self.found)}")
+            comparison.append(f"found {_shorten(self.found)}")
         if self.expected is not None:
-            comparison.append(f"expected {_shortened(self.expected)}")
+            comparison.append(f"expected {_shorten(self.expected)}")
         if comparison:
             text += f" ({', '.join(comparison)})"
         if self.advice:
@@ -72,13 +77,41 @@ class MocapFitError(Exception):
         return " ".join(text.split())
 
 
-def _shortened(value: object, limit: int = 200) -> str:
+def _shorten(value: object, limit: int = 200) -> str:
     text = str(value)
     return text if len(text) <= limit else text[: limit - 1] + "…"
 
 
 class FileFormatError(MocapFitError):
-    """A file is not what its format asks for, or cannot be read at all."""
+    """A file that does not follow its format, or cannot be read or written."""
+
+
+class MissingFileError(FileFormatError, FileNotFoundError):
+    """A file that does not exist; also a `FileNotFoundError`, with its ``errno`` and ``filename``.
+
+    Parameters
+    ----------
+    problem
+        What is wrong: one sentence without a full stop.
+    **details
+        The keyword arguments of `MocapFitError`.
+    """
+
+    def __init__(self, problem: str = "there is no such file", **details: Any) -> None:
+        super().__init__(problem, **details)
+        self._set_system_error()
+
+    def __str__(self) -> str:
+        # OSError would print the number of the system's error instead.
+        return self._compose_message()
+
+    def __setstate__(self, state: dict[str, Any] | None) -> None:
+        super().__setstate__(state)
+        self._set_system_error()
+
+    def _set_system_error(self) -> None:
+        self.errno, self.strerror = errno.ENOENT, os.strerror(errno.ENOENT)
+        self.filename = self.path
 
 
 class DataError(MocapFitError):
@@ -90,53 +123,89 @@ class ConfigurationError(MocapFitError):
 
 
 class RegistryError(MocapFitError):
-    """A plug-in that is unknown, registered twice, or cannot be loaded."""
+    """A plug-in that is unknown, registered twice, cannot be loaded, or fails."""
 
 
 class MissingExtraError(MocapFitError):
-    """Something that needs an optional extra which is not installed."""
+    """An optional extra that is needed and not installed."""
 
 
 class MocapFitWarning(UserWarning):
-    """Something was mended or left out, and the user should know."""
+    """A warning about data that were corrected or left out."""
 
 
-_PLAINER = {
-    "Field required": "this is missing",
-    "Extra inputs are not permitted": "there is no such setting",
-    "Input should be a valid tuple": "give a list, in square brackets",
-}
-
-
-def first_fault(content: object, faults: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
-    """The first fault that was found in a file of tables: its place in the file, and what it is.
+def with_path(error: _AnyError, path: str | os.PathLike[str]) -> _AnyError:
+    """Return a copy of an error that names a file, or the error itself where it names one.
 
     Parameters
     ----------
-    content
-        What was read: tables, lists and values, as TOML or JSON gives them.
-    faults
-        pydantic's list of what is wrong with it (`ValidationError.errors`).
+    error
+        The error.
+    path
+        The file that the error is about.
 
     Returns
     -------
-    place
-        The keys that lead to it, such as ``markers.3 'chin'.weight``; empty for the whole file.
-        A list's entries count from 0; one that has a name is shown with it.
-    problem
-        What is wrong, without a full stop.
+    MocapFitError
+        An error of the same class.
     """
-    fault = faults[0]
-    place = []
-    for item in fault["loc"]:
-        # What else is in the location is pydantic's own, such as the kind that it tried.
-        if isinstance(content, Mapping):
-            place.append(str(item))
-            content = content.get(str(item))
-        elif isinstance(content, list) and isinstance(item, int):
-            content = content[item] if item < len(content) else None
-            name = content.get("name") if isinstance(content, Mapping) else None
-            place.append(f"{item} '{name}'" if name and isinstance(name, str) else str(item))
-    message = str(fault["msg"]).removeprefix("Value error, ")
-    problem = _PLAINER.get(message, message[:1].lower() + message[1:])
-    return ".".join(place), problem
+    if error.path is not None:
+        return error
+    result = copy.copy(error)
+    result.path = os.fspath(path)
+    result.args = (result._compose_message(),)
+    return result
+
+
+def from_os_error(
+    error: OSError | ValueError,
+    path: str | os.PathLike[str],
+    noun: str = "file",
+    advice: str | None = None,
+) -> FileFormatError:
+    """Return the error for a file that the system cannot open or read.
+
+    Parameters
+    ----------
+    error
+        The system's error; a `ValueError` is one of text that is not UTF-8, or of an impossible
+        name.
+    path
+        The file.
+    noun
+        What the file is called in the message, such as ``model``.
+    advice
+        What the user can do about it; a general hint where left out.
+
+    Returns
+    -------
+    FileFormatError
+        A `MissingFileError` where the file does not exist.
+    """
+    if isinstance(error, FileNotFoundError):
+        advice = advice or "Check the name, and the folder that the command runs in."
+        return MissingFileError(f"there is no such {noun}", path=path, advice=advice)
+    reason = getattr(error, "strerror", None) or error
+    advice = advice or "Check that you may read it."
+    return FileFormatError(f"the {noun} cannot be read", path=path, found=reason, advice=advice)
+
+
+def describe_error(error: BaseException) -> str:
+    """Return the one-line text of an error that the user can correct.
+
+    Parameters
+    ----------
+    error
+        A `MocapFitError`, an `OSError`, a `MemoryError` or any other exception.
+
+    Returns
+    -------
+    str
+        The message, with the file where the error names one.
+    """
+    if isinstance(error, OSError) and not isinstance(error, MocapFitError):
+        reason = error.strerror or str(error) or type(error).__name__
+        return f"{error.filename}: {reason}" if error.filename is not None else reason
+    if isinstance(error, MemoryError):
+        return "there is not enough memory. Take fewer or shorter recordings at a time."
+    return str(error)

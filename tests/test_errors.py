@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from mocap_fit import errors
+from mocap_fit import errors, settings_file
 from mocap_fit.errors import DataError, FileFormatError, MocapFitError, MocapFitWarning
 
 
@@ -97,4 +97,4 @@ def test_warnings_can_be_told_from_those_of_others():
 def test_the_first_fault_of_a_file_of_tables(location, message, place, problem):
     content = {"rows": [{"size": 1}, {"name": "b", "size": 2}]}
     faults = [{"loc": location, "msg": message}, {"loc": ("other",), "msg": "other"}]
-    assert errors.first_fault(content, faults) == (place, problem)
+    assert settings_file.first_fault(content, faults) == (place, problem)

@@ -17,11 +17,9 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import IntEnum
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from mocap_fit.atomic_file import whole_file
-from mocap_fit.errors import ConfigurationError, MocapFitError, MocapFitWarning
+from mocap_fit.errors import MocapFitError, MocapFitWarning, describe_error
 
 if TYPE_CHECKING:
     from types import FrameType
@@ -159,56 +157,6 @@ def report(error: MocapFitError | OSError | MemoryError) -> None:
 def show_traceback(text: str) -> None:
     """Print the traceback of another process, as it is, for those who debug."""
     print(text, file=sys.stderr, flush=True)
-
-
-def describe_error(error: BaseException) -> str:
-    """The one-line text of an error that the user can mend."""
-    if isinstance(error, OSError):
-        reason = error.strerror or str(error) or type(error).__name__
-        return f"{error.filename}: {reason}" if error.filename is not None else reason
-    if isinstance(error, MemoryError):
-        return "there is not enough memory. Take fewer or shorter recordings at a time."
-    return str(error)
-
-
-def located(error: MocapFitError, path: str | os.PathLike[str]) -> MocapFitError:
-    """Give an error the file that it is about, where it names none."""
-    if error.path is not None:
-        return error
-    return type(error)(
-        error.problem,
-        path=path,
-        line=error.line,
-        frame=error.frame,
-        found=error.found,
-        expected=error.expected,
-        advice=error.advice,
-    )
-
-
-def make_folder(path: Path) -> None:
-    """Make a folder, and those that it is in, where they are not there yet.
-
-    Raises
-    ------
-    ConfigurationError
-        If a file is in the way, or it may not be made.
-    """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigurationError(
-            "the folder cannot be made",
-            path=path,
-            found="a file of that name" if path.is_file() else error.strerror,
-            advice="Give the name of another folder.",
-        ) from None
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a text file in UTF-8, whole or not at all; one that exists is replaced."""
-    with whole_file(path) as partial:
-        partial.write_text(text, encoding="utf-8", newline="\n")
 
 
 def say(text: str) -> None:

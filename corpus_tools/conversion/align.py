@@ -8,7 +8,8 @@ from typing import Any
 
 from corpus_tools.cli import console
 from corpus_tools.cli.console import Status
-from mocap_fit.errors import ConfigurationError, FileFormatError, MocapFitError
+from mocap_fit.atomic_file import make_folder
+from mocap_fit.errors import ConfigurationError, FileFormatError, MissingFileError, MocapFitError
 from mocap_fit.labels import to_labels, write_labels
 from mocap_fit.labels.text import label_text
 
@@ -51,7 +52,7 @@ def transcripts(wavs: Sequence[Path], text: Path | None) -> dict[Path, str]:
         table = _table(content, text, set(names))
     else:
         if text is not None and not text.exists():
-            raise FileFormatError("there is no such file or folder", path=str(text))
+            raise MissingFileError("there is no such file or folder", path=str(text))
         table = {}
         for wav in wavs:
             folder = wav.parent if text is None else text
@@ -142,7 +143,7 @@ def run(
     spoken = transcripts(wavs, text)
     aligner = Aligner(dictionary, acoustic_model, phone_set)
     aligner.words("\n".join(spoken.values()))
-    console.make_folder(out)
+    make_folder(out)
     aligned: list[Mapping[str, Any]] = []
     failed: list[Mapping[str, Any]] = []
     with console.progress("aligning", len(spoken)) as advance:

@@ -26,7 +26,7 @@ from corpus_tools.conversion.utterance import (
     write_sent,
 )
 from mocap_fit._version import __version__
-from mocap_fit.errors import ConfigurationError, MocapFitError
+from mocap_fit.errors import ConfigurationError, MocapFitError, describe_error
 from mocap_fit.phones import list_phone_sets
 from mocap_fit.processes import Died, on_this_machine
 
@@ -172,7 +172,7 @@ def _on_cluster(
                     continue
                 contents = {path: (task.root / path).read_bytes() for path in job.files}
             except OSError as error:
-                here[index] = Outcome({}, console.describe_error(error))
+                here[index] = Outcome({}, describe_error(error))
                 continue
             places.append(index)
             yield job, inputs, contents

@@ -29,6 +29,7 @@ from corpus_tools.conversion.one_recording import (
 from corpus_tools.conversion.speaker import Options as Options
 from corpus_tools.conversion.speaker import Speaker as Speaker
 from mocap_fit._version import __version__
+from mocap_fit.atomic_file import make_folder
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.io import READERS
 from mocap_fit.processes import Died, on_this_machine
@@ -122,7 +123,7 @@ def run(
     began = time.perf_counter()
     files = expand(recordings)
     speaker = Speaker.load(reference, layout, face)
-    console.make_folder(out)
+    make_folder(out)
     options = options or Options()
     task = Task(speaker, options, speaker.fingerprint(options), fresh)
     targets = [out / f"{file.stem}.parquet" for file in files]

@@ -7,11 +7,10 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from corpus_tools.cli import console
 from corpus_tools.conversion.manifest import Manifest
 from corpus_tools.conversion.plan import Plan, described
 from corpus_tools.conversion.utterance import AUDIO, PARTS, Outcome
-from mocap_fit.atomic_file import whole_file
+from mocap_fit.atomic_file import make_folder, write_atomically
 from mocap_fit.corpus import (
     DESCRIPTION_FILE,
     UTTERANCES_FILE,
@@ -38,7 +37,7 @@ def open_folder(out: Path) -> Iterator[None]:
     ConfigurationError
         If the folder has something else in it.
     """
-    console.make_folder(out)
+    make_folder(out)
     there = {path.name for path in out.iterdir()}
     # Hidden files are lost where a corpus is packed and sent.
     ours = _OURS in there or {DESCRIPTION_FILE, UTTERANCES_FILE} <= there
@@ -165,7 +164,7 @@ def _describe(
     file = None
     if plan.phone_set_file is not None:
         file, content = plan.phone_set_file
-        with whole_file(out / file) as partial:
+        with write_atomically(out / file) as partial:
             partial.write_bytes(content)
     corpus = Corpus(
         utterances,

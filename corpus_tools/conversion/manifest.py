@@ -69,9 +69,10 @@ from pydantic import AfterValidator as After
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from mocap_fit.corpus import drawn
-from mocap_fit.errors import ConfigurationError, first_fault
+from mocap_fit.errors import ConfigurationError, from_os_error
 from mocap_fit.fitting.objective import OBJECTIVES, Objective
 from mocap_fit.fitting.solving import SOLVERS
+from mocap_fit.settings_file import first_fault
 from mocap_fit.sound import SyncKind
 from mocap_fit.sound.estimate import LARGEST_OFFSET
 
@@ -265,9 +266,7 @@ def load_manifest(path: Path) -> Manifest:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
         return Manifest.model_validate(content)
     except OSError as error:
-        raise ConfigurationError(
-            "the manifest cannot be read", path=path, found=error.strerror
-        ) from None
+        raise from_os_error(error, path, "manifest") from None
     except ValidationError as error:
         faults: list[Any] = list(error.errors())
         place, problem = first_fault(content, faults)
@@ -361,7 +360,7 @@ def _rows(table: Path) -> list[tuple[int, dict[str, str]]]:
     try:
         text = table.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError("the table cannot be read", path=table, found=error) from None
+        raise from_os_error(error, table, "table") from None
     lines = list(csv.reader(io.StringIO(text), delimiter="\t", quoting=csv.QUOTE_NONE))
     header = lines[0] if lines else []
     unknown = [name for name in header if name not in _COLUMNS]

@@ -17,7 +17,7 @@ import numpy as np
 
 from corpus_tools.cli import console
 from corpus_tools.conversion.speaker import Options, Speaker
-from mocap_fit.errors import MocapFitError, MocapFitWarning
+from mocap_fit.errors import MocapFitError, MocapFitWarning, describe_error, with_path
 from mocap_fit.io import read_tracks
 from mocap_fit.tracks import FloatArray, ParameterTracks, read_provenance, write_parquet
 
@@ -186,8 +186,8 @@ def watched(work: Callable[[dict[str, float]], Outcome], file: Path) -> Outcome:
         try:
             outcome = work(seconds)
         except (MocapFitError, OSError) as error:
-            told = console.located(error, file) if isinstance(error, MocapFitError) else error
-            outcome = Outcome({"error": console.describe_error(told)})
+            told = with_path(error, file) if isinstance(error, MocapFitError) else error
+            outcome = Outcome({"error": describe_error(told)})
             trace = traceback.format_exc() if console.debugging() else None
     lines = (
         str(one.message)

@@ -14,10 +14,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from corpus_tools.cli import console
 from corpus_tools.conversion.manifest import Entry, Manifest, one_file
 from corpus_tools.conversion.speaker import Options, Speaker
-from mocap_fit.errors import ConfigurationError, MocapFitError
+from mocap_fit.errors import ConfigurationError, MocapFitError, describe_error
 from mocap_fit.face import load_face
 from mocap_fit.fitting import Layout, load_layout
 from mocap_fit.phones import PhoneSet, load_phone_set
@@ -172,7 +171,7 @@ def make_plan(
             speaker = Speaker.load(path, layout_name, face_name)
             speaker = dataclasses.replace(speaker, layout=layout)
         except (MocapFitError, OSError) as error:
-            unusable[pattern] = console.describe_error(error)
+            unusable[pattern] = describe_error(error)
             continue
         speakers[pattern] = speaker
         both = f"{speaker.fingerprint(options)}\0{shared}"

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from corpus_tools.cli import console
 from corpus_tools.cli.console import Status
-from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
+from mocap_fit.atomic_file import make_folder, write_text
+from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, from_os_error
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -117,15 +118,13 @@ def run(
     table = count_triphones(codes, phones)
     with console.progress("selecting sentences", min(count, table.sentences)) as advance:
         chosen = cover_triphones(table, count, advance)
-    console.make_folder(out)
-    console.write_text(
-        out / "sentences.txt", "".join(f"{found.texts[i]}\n" for i in chosen.sentences)
-    )
+    make_folder(out)
+    write_text(out / "sentences.txt", "".join(f"{found.texts[i]}\n" for i in chosen.sentences))
     rows = _coverage(found, table, chosen)
-    console.write_text(out / "coverage.csv", _csv(rows))
+    write_text(out / "coverage.csv", _csv(rows))
     missing = [{"word": w, "count": n} for w, n in _most_first(found.missing)]
     if dictionary is not None:
-        console.write_text(out / "missing_words.csv", _csv(missing, ("word", "count")))
+        write_text(out / "missing_words.csv", _csv(missing, ("word", "count")))
     save_figure(out / "coverage.png", _figure, rows, table.kinds)
     _report(found, table, rows, missing, out, as_json)
     return Status.DONE
@@ -150,9 +149,7 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
             "the text is not UTF-8", path=path, line=number, advice="Save it as UTF-8."
         ) from None
     except (OSError, ValueError) as error:
-        raise FileFormatError(
-            "the file cannot be read", path=path, found=getattr(error, "strerror", None) or error
-        ) from None
+        raise from_os_error(error, path) from None
 
 
 def _read_with_phones(path: Path, words: tuple[int, int], found: _Sentences) -> None:

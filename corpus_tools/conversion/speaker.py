@@ -10,9 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from corpus_tools.cli import console
 from mocap_fit._version import __version__
-from mocap_fit.errors import ConfigurationError, DataError
+from mocap_fit.errors import ConfigurationError, DataError, with_path
 from mocap_fit.face import load_face, to_parameters
 from mocap_fit.fitting import (
     Binding,
@@ -84,15 +83,15 @@ class Speaker:
         try:
             to_parameters(markers.reference_parameters, rig.parameter_names)
         except DataError as error:
-            raise console.located(error, layout) from None
+            raise with_path(error, layout) from None
         try:
             _check_head(markers, pose)
             orientation = fit_orientation(rig, markers, pose)
             binding = bind_markers(rig, markers, pose, orientation)
         except DataError as error:
-            raise console.located(error, reference) from None
+            raise with_path(error, reference) from None
         except ConfigurationError as error:
-            raise console.located(error, layout) from None
+            raise with_path(error, layout) from None
         return cls(markers, pose, binding, Path(face).name)
 
     def fit(

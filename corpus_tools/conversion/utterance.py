@@ -29,8 +29,8 @@ from corpus_tools.conversion.material import (
     with_energy,
 )
 from corpus_tools.conversion.plan import Job, Settings
-from mocap_fit.atomic_file import whole_file
-from mocap_fit.errors import DataError, MocapFitError, MocapFitWarning
+from mocap_fit.atomic_file import make_folder, write_atomically
+from mocap_fit.errors import DataError, MocapFitError, MocapFitWarning, describe_error, with_path
 from mocap_fit.phones import UnknownPhone, write_phones
 from mocap_fit.sound import Sound, read_sound, write_sound
 from mocap_fit.tracks import write_parquet
@@ -156,14 +156,14 @@ def write_sent(out: Path, job: Job, files: Mapping[str, bytes]) -> None:
     """
     for path in paths_of(job):
         if path in files:
-            with whole_file(out / path) as partial:
+            with write_atomically(out / path) as partial:
                 partial.write_bytes(files[path])
 
 
 def make_folders(out: Path) -> None:
     """Make the folders of a corpus where they are not there."""
     for part in (*PARTS, AUDIO):
-        console.make_folder(out / part)
+        make_folder(out / part)
 
 
 def paths_of(job: Job) -> tuple[str, ...]:
@@ -215,7 +215,7 @@ def _watched(
         try:
             figures = work()
         except (MocapFitError, OSError) as error:
-            error_line = _under(root, console.describe_error(error))
+            error_line = _under(root, describe_error(error))
             trace = traceback.format_exc() if console.debugging() else None
             if isinstance(error, UnknownPhonesError):
                 unknown = error.unknown
@@ -278,7 +278,7 @@ def _converted(
                     still, settings.options, lambda frames: told(frames, still.frames)
                 )
         except DataError as error:
-            raise console.located(error, job.recording) from None
+            raise with_path(error, job.recording) from None
     fitted = np.isfinite(result.parameters.residuals)
     if not fitted.any():
         raise DataError("no frame could be fitted", path=job.recording)
@@ -327,7 +327,7 @@ def _write_audio(task: Task, job: Job, sound: Sound | None, speech: Sound | None
         return None
     target = task.out / AUDIO / f"{job.entry.id}.wav"
     if speech is sound:
-        with whole_file(target) as partial:
+        with write_atomically(target) as partial:
             partial.write_bytes((task.root / job.sound).read_bytes())
     else:
         write_sound(speech, target)

@@ -23,6 +23,7 @@ from corpus_tools.demo.fitting import (
 from corpus_tools.demo.talking import EPOCHS, MOVIE, SENTENCES, TalkPart, talk_part
 from corpus_tools.training import evaluate as scoring
 from corpus_tools.training import page
+from mocap_fit.atomic_file import make_folder, write_text
 from mocap_fit.errors import ConfigurationError, MissingExtraError, MocapFitWarning
 
 __all__ = ["CONDITIONS", "MOVIE", "run"]
@@ -94,9 +95,9 @@ def run(
         as_json=as_json,
     )
     report = {"seed": seed, **fits.report, "control_models": talk.report}
-    console.write_text(out / "report.json", console.json_text(report) + "\n")
+    write_text(out / "report.json", console.json_text(report) + "\n")
     title = "mocap-fit: from markers to a talking head"
-    console.write_text(out / _PAGE, page.page(title, _sections(fits, talk, out)))
+    write_text(out / _PAGE, page.page(title, _sections(fits, talk, out)))
     if as_json:
         files = {"figures": fits.pictures, "report": out / "report.json", "page": out / _PAGE}
         console.print_json({**report, **files})
@@ -107,7 +108,7 @@ def run(
 
 def _make_room(out: Path) -> None:
     """Take away what a former demo left; a folder of anything else is refused."""
-    console.make_folder(out)
+    make_folder(out)
     if any(out.iterdir()):
         notice = out / _README
         if not notice.is_file() or not notice.read_bytes().startswith(_FIRST_LINE.encode()):
@@ -122,9 +123,9 @@ def _make_room(out: Path) -> None:
                 shutil.rmtree(old)
             elif name != _README:
                 old.unlink(missing_ok=True)
-    console.make_folder(out / "figures")
+    make_folder(out / "figures")
     # First of all, so that a demo that was stopped can be replaced too.
-    console.write_text(out / _README, _TEXT)
+    write_text(out / _README, _TEXT)
 
 
 def _abilities() -> tuple[bool, bool]:

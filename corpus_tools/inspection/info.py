@@ -8,7 +8,7 @@ from typing import Any
 
 from corpus_tools.cli import console
 from corpus_tools.cli.console import Status
-from mocap_fit.errors import MocapFitError
+from mocap_fit.errors import MocapFitError, describe_error
 
 # Units of what a file's description holds; a share is shown in per cent.
 _UNITS = {
@@ -53,7 +53,7 @@ def run(files: Sequence[str | os.PathLike[str]], *, as_json: bool = False) -> St
         except (MocapFitError, OSError) as error:
             console.report(error)
             status = Status.BAD_DATA
-            content = {"file": os.fspath(file), "error": console.describe_error(error)}
+            content = {"file": os.fspath(file), "error": describe_error(error)}
         else:
             if not as_json:
                 _show(content)

@@ -15,8 +15,9 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
 
-from mocap_fit.errors import ConfigurationError, first_fault
+from mocap_fit.errors import ConfigurationError
 from mocap_fit.phones import FEATURE_NAMES, Phone
+from mocap_fit.settings_file import first_fault
 
 # Long vowels of ARPAbet, whose IPA here has no mark of length.
 _LONG = frozenset(["IY", "UW", "AA", "AO", "ER"])

@@ -12,7 +12,8 @@ import numpy as np
 from corpus_tools.cli import console
 from corpus_tools.cli.console import Status
 from corpus_tools.simulation.session import Conditions, Session, Simulation
-from mocap_fit.errors import ConfigurationError, MocapFitError
+from mocap_fit.atomic_file import make_folder, write_text
+from mocap_fit.errors import ConfigurationError, MocapFitError, with_path
 from mocap_fit.face import load_face
 from mocap_fit.fitting import load_layout
 from mocap_fit.fitting.layout import shipped_layouts
@@ -97,7 +98,7 @@ def run(
     if takes is not None:
         folders += [out / "labels", out / "sound"]
     for folder in (out, *folders):
-        console.make_folder(folder)
+        make_folder(folder)
     generators = np.random.default_rng(seed).spawn(utterances + 1)
     write_qualisys_tsv(session.reference(generators[0]), out / "reference.tsv")
     width = max(3, len(str(utterances)))
@@ -115,13 +116,13 @@ def run(
         if progress is not None:
             progress(i + 1)
     if takes is not None:
-        console.write_text(out / "truth" / "sync.json", console.json_text(clocks) + "\n")
-        console.write_text(out / "sentences.tsv", takes.table(names))
+        write_text(out / "truth" / "sync.json", console.json_text(clocks) + "\n")
+        write_text(out / "sentences.tsv", takes.table(names))
         if layout not in shipped_layouts():
             # A manifest names files under its root alone.
-            console.write_text(out / _LAYOUT, Path(layout).read_text(encoding="utf-8"))
+            write_text(out / _LAYOUT, Path(layout).read_text(encoding="utf-8"))
             layout = _LAYOUT
-        console.write_text(out / "manifest.toml", takes.manifest(layout))
+        write_text(out / "manifest.toml", takes.manifest(layout))
     return Status.DONE
 
 
@@ -295,4 +296,4 @@ def _session(
     try:
         return Session(load_layout(layout), face, conditions)
     except MocapFitError as error:
-        raise console.located(error, layout) from None
+        raise with_path(error, layout) from None

@@ -12,6 +12,7 @@ import numpy as np
 from corpus_tools.cli import console
 from corpus_tools.cli.console import Status
 from corpus_tools.talking.speak import measured
+from mocap_fit.atomic_file import write_text
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.face import load_face
 from mocap_fit.tracks import ParameterTracks
@@ -112,5 +113,5 @@ def _write_csv(tracks: ParameterTracks, out: Path, rate: float | None) -> int:
     for time, row in zip(times, values, strict=True):
         cells = ["" if np.isnan(value) else f"{value:.6f}" for value in row]
         writer.writerow([f"{time:.6f}", *cells])
-    console.write_text(out, text.getvalue())
+    write_text(out, text.getvalue())
     return len(times)

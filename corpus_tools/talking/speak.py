@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from corpus_tools.cli import console
 from corpus_tools.cli.console import Status
 from corpus_tools.talking import speak_models
+from mocap_fit.atomic_file import make_folder
 from mocap_fit.control import ControlModel
 from mocap_fit.errors import ConfigurationError, FileFormatError
 from mocap_fit.face import load_face
@@ -149,7 +150,7 @@ def run(
     longest = max(head.start_time + head.duration for head in said.heads.values())
     frames = round(max(longest, said.sound.duration if said.sound else 0.0) * look.rate)
     pictures = frames * len(said.heads) * len(look.views)
-    console.make_folder(out.parent)
+    make_folder(out.parent)
     with console.progress("drawing frames", max(frames, 1)) as advance:
         movie = render_movie(
             heads,
@@ -422,7 +423,7 @@ def _keep(said: _Said, folder: Path) -> None:
     from mocap_fit.sound import write_sound
     from mocap_fit.tracks import write_parquet
 
-    console.make_folder(folder)
+    make_folder(folder)
     for label, head in said.heads.items():
         name = "".join(c if c.isalnum() else "-" for c in label.casefold()).strip("-")
         write_parquet(head.replace(name=name), folder / f"{name}.parquet")

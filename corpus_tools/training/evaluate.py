@@ -12,6 +12,7 @@ from corpus_tools.cli import console
 from corpus_tools.cli.console import Status
 from corpus_tools.training import page
 from mocap_fit import control
+from mocap_fit.atomic_file import make_folder, write_text
 from mocap_fit.control import ControlModel
 from mocap_fit.control.cohen_massaro import CohenMassaro
 from mocap_fit.corpus import Corpus, Utterance, open_corpus
@@ -82,7 +83,7 @@ def run(
             f"the corpus has no parameter '{drawn}'",
             expected=f"one of {', '.join(scored.parameter_names)}",
         )
-    console.make_folder(out)
+    make_folder(out)
     with console.progress("scoring utterances", len(scored)) as advance:
         result = evaluate(
             scored, loaded, face=face, resamples=resamples, seed=seed, progress=advance
@@ -144,8 +145,8 @@ def write(
         zip(_TABLE, (result.to_frame(), pd.DataFrame(result.to_dict()["differences"])), strict=True)
     )
     for name, frame in tables.items():
-        console.write_text(out / name, frame.to_csv(index=False, float_format="%.6g"))
-    console.write_text(out / "evaluation.json", console.json_text(result.to_dict()) + "\n")
+        write_text(out / name, frame.to_csv(index=False, float_format="%.6g"))
+    write_text(out / "evaluation.json", console.json_text(result.to_dict()) + "\n")
     tracks, phones = shown.tracks, shown.phones
     predictions = {name: m.predict_at(phones, tracks.times) for name, m in models.items()}
     calls: dict[str, tuple[Any, ...]] = {
@@ -183,12 +184,12 @@ def write(
     if landmarks is not None:
         header, rows = landmark_table(landmarks)
         lines = [",".join(row) for row in (header, *rows)]
-        console.write_text(out / "landmarks.csv", "\n".join(lines) + "\n")
+        write_text(out / "landmarks.csv", "\n".join(lines) + "\n")
         files.append(out / "landmarks.csv")
         parts += [page.heading("Beside the markers"), page.paragraph(_BESIDE)]
         parts.append(page.table(header, rows))
     content = page.page(title, parts)
-    console.write_text(out / "index.html", content)
+    write_text(out / "index.html", content)
     return [out / "index.html", *(out / name for name in (*tables, "evaluation.json")), *files]
 
 

@@ -12,6 +12,7 @@ from typing import Any, Literal
 from corpus_tools.cli import console
 from corpus_tools.cli.console import Status
 from mocap_fit import control
+from mocap_fit.atomic_file import make_folder, write_text
 from mocap_fit.control import ControlModel, LogEntry
 from mocap_fit.corpus import Corpus, open_corpus
 from mocap_fit.errors import ConfigurationError
@@ -64,7 +65,7 @@ def run(
     whole = open_corpus(corpus)
     training, held_out = parts(whole, protocol, validation, seed)
     checkpoint = out.with_name(f"{out.name}.checkpoint")
-    console.make_folder(out.parent)
+    make_folder(out.parent)
     with training_progress(f"training {model}") as told:
         made.fit(training, held_out, progress=told, checkpoint=checkpoint)
     made.trained_on_ |= {"corpus": corpus.resolve().name, "protocol": protocol}
@@ -110,7 +111,7 @@ def sweep(
     model = control.create(LowLatencyNetworks.name, **parsed(settings))
     assert isinstance(model, LowLatencyNetworks)
     training, held_out = parts(open_corpus(corpus), protocol, validation, seed)
-    console.make_folder(out)
+    make_folder(out)
     checkpoint = out / "look_ahead.checkpoint"
     with training_progress("training networks") as told:
         points = look_ahead_sweep(
@@ -118,7 +119,7 @@ def sweep(
         )
     rows = [point._asdict() for point in points]
     lines = [",".join(rows[0]), *(",".join(f"{v:.6g}" for v in row.values()) for row in rows)]
-    console.write_text(out / "look_ahead.csv", "\n".join(lines) + "\n")
+    write_text(out / "look_ahead.csv", "\n".join(lines) + "\n")
     save_figure(
         out / "look_ahead.png",
         look_ahead_figure,

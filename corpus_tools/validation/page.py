@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import os
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -12,8 +11,8 @@ from corpus_tools.training import page as pages
 from corpus_tools.validation.findings import Finding, Severity
 from corpus_tools.validation.pictures import evidence_picture, overview
 from corpus_tools.validation.report import Report, by_code
+from mocap_fit.atomic_file import write_text
 from mocap_fit.drawing import save_figure
-from mocap_fit.errors import ConfigurationError
 
 _COLOURS = {Severity.ERROR: "#B00020", Severity.WARNING: "#9A6700", Severity.NOTE: "#555555"}
 # Rows of a table of findings that the page shows at once.
@@ -32,24 +31,12 @@ def write_page(report: Report, path: Path) -> None:
 
     Raises
     ------
-    ConfigurationError
+    FileFormatError
         If it cannot be written.
     """
     with tempfile.TemporaryDirectory() as folder:
         text = pages.page("What mocap-fit validate found", _parts(report, Path(folder)))
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        partial.write_text(text, encoding="utf-8", newline="\n")
-        os.replace(partial, path)
-    except OSError as error:
-        raise ConfigurationError(
-            "the page cannot be written",
-            path=path,
-            found=error.strerror,
-            advice="Check that the folder exists and may be written to.",
-        ) from None
-    finally:
-        partial.unlink(missing_ok=True)
+    write_text(path, text, "page")
 
 
 def _parts(report: Report, folder: Path) -> Iterator[str]:

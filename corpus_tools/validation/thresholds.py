@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from corpus_tools.validation.findings import Finding, Severity, codes
-from mocap_fit.errors import ConfigurationError
+from mocap_fit.errors import ConfigurationError, from_os_error
 
 OFF = "off"
 
@@ -97,9 +97,7 @@ def _given(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text("utf-8"))
     except OSError as error:
-        raise ConfigurationError(
-            "the thresholds cannot be read", path=path, found=error.strerror
-        ) from None
+        raise from_os_error(error, path, "file of thresholds") from None
     except ValueError as error:
         raise ConfigurationError("the thresholds are not TOML", path=path, found=error) from None
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from mocap_fit.atomic_file import whole_file
-from mocap_fit.errors import FileFormatError
+from mocap_fit.atomic_file import write_atomically
+from mocap_fit.errors import FileFormatError, from_os_error
 
 FORMAT_VERSION = 1
 _HEADER = "header"
@@ -34,7 +34,7 @@ def write_model_file(
     """
     text = json.dumps({"format_version": FORMAT_VERSION, **header}, ensure_ascii=False)
     content = np.frombuffer(text.encode(), dtype=np.uint8)
-    with whole_file(path, "model") as partial, open(partial, "wb") as stream:
+    with write_atomically(path, "model") as partial, open(partial, "wb") as stream:
         np.savez(stream, allow_pickle=False, **{_HEADER: content}, **arrays)
 
 
@@ -54,9 +54,7 @@ def read_model_file(
         header = json.loads(arrays.pop(_HEADER).tobytes().decode())
         version = header["format_version"]
     except OSError as error:
-        raise FileFormatError(
-            "the model cannot be read", path=path, found=error.strerror or error
-        ) from None
+        raise from_os_error(error, path, "model") from None
     # A changed byte makes zip files, numpy and JSON raise almost anything.
     except Exception as error:
         raise FileFormatError(

@@ -15,8 +15,9 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from mocap_fit.errors import ConfigurationError, first_fault
+from mocap_fit.errors import ConfigurationError, from_os_error
 from mocap_fit.phones import FEATURE_NAMES, Phone, PhoneSet
+from mocap_fit.settings_file import first_fault
 
 _Positive = Annotated[float, Field(gt=0)]
 _Share = Annotated[float, Field(ge=0, le=1)]
@@ -204,11 +205,7 @@ def load_rules(phone_set: PhoneSet, file: str = "") -> RuleTable:
         try:
             text = Path(file).read_text("utf-8")
         except (OSError, ValueError) as error:
-            raise ConfigurationError(
-                "the table of rules cannot be read",
-                path=file,
-                found=getattr(error, "strerror", None) or error,
-            ) from None
+            raise from_os_error(error, file, "table of rules") from None
         own = _read(text, _LanguageFile, file)
     elif phone_set.language in rule_languages():
         name = f"{phone_set.language}.toml"

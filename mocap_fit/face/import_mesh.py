@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
+from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, MissingFileError
 from mocap_fit.face.mesh import Mesh
 from mocap_fit.face.mesh_pieces import Piece, check_pieces, join_pieces
 from mocap_fit.face.obj_file import read_obj
@@ -94,7 +94,7 @@ def _read_pieces(path: Path) -> list[Piece]:
             expected=", ".join(MESH_FORMATS),
         )
     if not path.is_file():
-        raise FileFormatError("there is no such file", path=path)
+        raise MissingFileError(path=path)
     try:
         empty = path.stat().st_size == 0
         with path.open("rb"):

@@ -50,7 +50,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field, Strict, ValidationError, model_validator
 
-from mocap_fit.errors import ConfigurationError, first_fault
+from mocap_fit.errors import ConfigurationError, from_os_error
 from mocap_fit.face.mesh import Mesh, Part
 from mocap_fit.face.rig_tables import (
     LARGEST,
@@ -63,6 +63,7 @@ from mocap_fit.face.rig_tables import (
     Weight,
     check_vertex,
 )
+from mocap_fit.settings_file import first_fault
 from mocap_fit.tracks import FloatArray
 
 # A feature point given as a position is at most this part of the mesh's extent away from it.
@@ -392,13 +393,9 @@ def _content(name: str) -> dict[str, Any]:
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ConfigurationError("the rig file is not TOML", path=name, found=error) from None
     except (OSError, ValueError) as error:
-        raise ConfigurationError(
-            "the rig file cannot be read",
-            path=name,
-            found=getattr(error, "strerror", None) or error,
-            advice="Give a TOML file, or one of the shipped rigs: "
-            f"{', '.join(list_shipped_rigs())}.",
-        ) from None
+        shipped = ", ".join(list_shipped_rigs())
+        advice = f"Give a TOML file, or one of the shipped rigs: {shipped}."
+        raise from_os_error(error, name, "rig file", advice) from None
     points = content.get("feature_points")
     if isinstance(points, dict):
         # TOML reads 8.3 = 17 as a table 8 that holds 3 = 17.

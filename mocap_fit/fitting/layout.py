@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import tomllib
-from importlib import resources
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from mocap_fit.errors import ConfigurationError, first_fault
-
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+from mocap_fit.settings_file import StrictModel, list_shipped, load_settings
 
 
-class LayoutMarker(_Strict):
+class LayoutMarker(StrictModel):
     """One marker of a layout.
 
     Parameters
@@ -57,7 +51,7 @@ class LayoutMarker(_Strict):
         return self
 
 
-class Layout(_Strict):
+class Layout(StrictModel):
     """A marker layout.
 
     Parameters
@@ -80,7 +74,7 @@ class Layout(_Strict):
     description: str = ""
     marker_offset: float = Field(default=0.0, ge=0, le=20)
     size_varies: bool = False
-    reference_parameters: dict[str, float] = {}
+    reference_parameters: dict[str, float] = Field(default_factory=dict)
     markers: tuple[LayoutMarker, ...]
 
     @model_validator(mode="after")
@@ -113,8 +107,7 @@ class Layout(_Strict):
 
 def shipped_layouts() -> tuple[str, ...]:
     """Names of the layouts that come with the package."""
-    files = resources.files("mocap_fit.fitting").joinpath("layouts").iterdir()
-    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
+    return list_shipped(__package__, "layouts")
 
 
 def load_layout(name: str | Path) -> Layout:
@@ -127,35 +120,10 @@ def load_layout(name: str | Path) -> Layout:
 
     Raises
     ------
+    MissingFileError
+        If there is no such layout.
     ConfigurationError
-        If there is no such layout, or it contradicts itself; the message says where.
+        If it contradicts itself; the message says where.
     """
-    text_name = str(name)
-    try:
-        if text_name in shipped_layouts():
-            folder = resources.files("mocap_fit.fitting").joinpath("layouts")
-            text = folder.joinpath(f"{text_name}.toml").read_text("utf-8")
-        else:
-            text = Path(name).read_text("utf-8")
-        content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigurationError("the layout is not TOML", path=text_name, found=error) from None
-    except RecursionError:
-        raise ConfigurationError(
-            "the layout is not TOML", path=text_name, found="lists within lists without end"
-        ) from None
-    except (OSError, ValueError) as error:
-        raise ConfigurationError(
-            "the layout cannot be read",
-            path=text_name,
-            found=getattr(error, "strerror", None) or error,
-            advice=f"Give a TOML file, or a shipped layout: {', '.join(shipped_layouts())}.",
-        ) from None
-    try:
-        layout = Layout.model_validate(content)
-    except ValidationError as error:
-        place, problem = first_fault(content, error.errors())
-        raise ConfigurationError(
-            f"the layout is wrong{' at ' if place else ''}{place}: {problem}", path=text_name
-        ) from None
-    return layout if layout.name else layout.model_copy(update={"name": Path(text_name).stem})
+    layout = load_settings(Layout, name, package=__package__, folder="layouts", noun="layout")
+    return layout if layout.name else layout.model_copy(update={"name": Path(name).stem})

@@ -27,10 +27,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_fit.errors import FileFormatError, MocapFitWarning
+from mocap_fit.errors import FileFormatError, MocapFitWarning, from_os_error
 from mocap_fit.io import finalise
 from mocap_fit.io.c3d_structure import LONG, Extent, check_structure, looks_like_c3d
-from mocap_fit.io.text import checked_file, decoded, read_head, unreadable
+from mocap_fit.io.text import checked_file, decoded, read_head
 from mocap_fit.io.timing import checked_rate
 from mocap_fit.tracks import Event, FloatArray, MarkerTracks, Origin
 
@@ -188,7 +188,7 @@ def _checked(file: Path) -> Extent:
     try:
         return check_structure(file)
     except OSError as error:
-        raise unreadable(file, error) from None
+        raise from_os_error(error, file) from None
 
 
 def _about(
@@ -251,7 +251,7 @@ def _part(file: Path, extent: Extent, start: int, count: int) -> Mapping[str, An
             copy.write_bytes(bytes(head) + stream.read(count * extent.frame_size))
             return _opened(copy, file)
     except OSError as error:
-        raise unreadable(file, error) from None
+        raise from_os_error(error, file) from None
 
 
 def _floats(file: Path, extent: Extent, start: int, count: int) -> _Points:
@@ -261,7 +261,7 @@ def _floats(file: Path, extent: Extent, start: int, count: int) -> _Points:
             stream.seek(extent.start + start * extent.frame_size)
             block = stream.read(count * extent.frame_size)
     except OSError as error:
-        raise unreadable(file, error) from None
+        raise from_os_error(error, file) from None
     numbers = np.frombuffer(block, dtype="<f4").reshape(count, -1)[:, : 4 * extent.points]
     numbers = numbers.reshape(count, extent.points, 4)
     # The fourth number: -1 for a gap, else the residual in the high byte, cameras in the low one.

@@ -11,7 +11,12 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_fit.errors import DataError, FileFormatError, MocapFitError, MocapFitWarning
+from mocap_fit.errors import (
+    DataError,
+    FileFormatError,
+    MocapFitWarning,
+    with_path,
+)
 from mocap_fit.tracks import Event, FloatArray, MarkerTracks, PoseTracks
 
 MILLIMETRES = {
@@ -46,19 +51,6 @@ _SMALLEST = 2.0
 """Millimetres: three or more markers that never spread so far are probably given in metres."""
 
 _AnyTracks = TypeVar("_AnyTracks", MarkerTracks, PoseTracks)
-
-
-def with_path(error: MocapFitError, path: Path) -> MocapFitError:
-    """The same error, said of a file."""
-    return type(error)(
-        error.problem,
-        path=path,
-        line=error.line,
-        frame=error.frame,
-        found=error.found,
-        expected=error.expected,
-        advice=error.advice,
-    )
 
 
 def millimetres(unit: str, *, path: Path, line: int | None = None) -> float:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_fit.errors import FileFormatError, MocapFitError
+from mocap_fit.errors import FileFormatError, MocapFitError, with_path
 from mocap_fit.io import finalise
 from mocap_fit.io.text import checked_file, read_head
 from mocap_fit.io.timing import checked_rate
@@ -66,7 +66,7 @@ def read(
         if isinstance(error.found, Exception):
             # The words of the library underneath tell a user nothing.
             raise _damaged(path) from None
-        raise error if error.path is not None else finalise.with_path(error, file) from None
+        raise with_path(error, file) from None
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise _damaged(path) from None
     if tracks.frames == 0:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import os
 import re
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from mocap_fit.errors import DataError, FileFormatError
+from mocap_fit.atomic_file import write_atomically
+from mocap_fit.errors import DataError
 from mocap_fit.tracks import FloatArray, MarkerTracks, Origin
 
 Gaps = Literal["zero", "blank", "nan"]
@@ -92,7 +92,8 @@ def write_qualisys_tsv(
                 cells[column + (2 if frame_and_time else 0)] = text
             row_text = "\t".join(cells)
         lines.append(row_text)
-    _write_whole(Path(path), ("\r\n".join(lines) + "\r\n").encode("utf-8"))
+    with write_atomically(path) as partial:
+        partial.write_bytes(("\r\n".join(lines) + "\r\n").encode("utf-8"))
 
 
 def _check_name(name: str) -> None:
@@ -161,21 +162,3 @@ def _special_cells(
         text = f"{math.copysign(size, x):.{decimals + 1}f}"
         special.setdefault(frame, []).append((3 * marker, text))
     return special
-
-
-def _write_whole(target: Path, content: bytes) -> None:
-    """Write under a name beside the target, then rename: the file is whole or not there."""
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
-    try:
-        partial.write_bytes(content)
-        os.replace(partial, target)
-    except (OSError, ValueError) as error:
-        raise FileFormatError(
-            "the file cannot be written",
-            path=target,
-            found=getattr(error, "strerror", None) or error,
-            advice="Check that the folder exists and may be written to.",
-        ) from None
-    finally:
-        if partial.exists():
-            partial.unlink()

@@ -7,7 +7,6 @@ entry point in the group ``mocap_fit.readers``; its name is the format's name.
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Sequence
 from typing import Any, Protocol
 
@@ -15,12 +14,10 @@ import numpy as np
 
 from mocap_fit.errors import (
     DataError,
-    FileFormatError,
     MocapFitError,
-    MocapFitWarning,
-    RegistryError,
+    from_os_error,
 )
-from mocap_fit.io.text import checked_file, unreadable
+from mocap_fit.io.text import checked_file
 from mocap_fit.registry import Registry
 from mocap_fit.tracks import MarkerTracks, ParameterTracks, PoseTracks
 
@@ -61,56 +58,33 @@ class Reader(Protocol):
 
 
 def find_reader(path: str | os.PathLike[str]) -> str:
-    """Name of the reader for a file.
+    """Return the name of the reader for a file; see `Registry.find`.
 
-    A reader takes a file by what is in it. Where several do, the one with the file's ending
-    comes first, then the first by name. Where none does, the file's ending decides, so that a
-    damaged file or one without a header still gets to its reader.
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    str
+        The reader's name, such as ``qualisys-tsv``.
 
     Raises
     ------
+    MissingFileError
+        If there is no such file.
     FileFormatError
-        If the file is missing, empty or unreadable, or no reader takes it.
+        If the file is empty or cannot be read, or no reader takes it.
     RegistryError
-        If a reader fails on the question.
+        If a reader of another distribution fails.
 
     Warns
     -----
     MocapFitWarning
         If a reader cannot be loaded; it is passed over.
     """
-    file = checked_file(path)
-    ending = file.suffix.lower()
-    loaded: dict[str, Reader] = {}
-    for name in READERS.names():
-        try:
-            loaded[name] = _reader(name)
-        except RegistryError as error:
-            # One laboratory's broken reader must not stop the others.
-            warnings.warn(str(error), MocapFitWarning, stacklevel=2)
-    by_ending = [name for name, reader in loaded.items() if ending in reader.extensions]
-    others = [name for name in loaded if name not in by_ending]
-    for name in by_ending + others:
-        try:
-            takes = loaded[name].sniff(file)
-        except Exception as error:
-            raise RegistryError(
-                f"the reader '{name}' of {READERS.source(name)} fails to look at {file}",
-                found=f"{type(error).__name__}: {error}",
-                advice="Choose the reader yourself (reader=...), or tell its authors.",
-            ) from error
-        if takes:
-            return name
-    if by_ending:
-        return by_ending[0]
-    raise FileFormatError(
-        "no reader takes this file",
-        path=path,
-        expected=", ".join(
-            f"{name} ({' '.join(reader.extensions)})" for name, reader in loaded.items()
-        ),
-        advice="Export the recording in one of these formats.",
-    )
+    return READERS.find(checked_file(path))
 
 
 def read(
@@ -147,20 +121,12 @@ def read(
     name = find_reader(file) if reader is None else reader
     chosen = _reader(name)
     try:
-        return chosen.read(file, names=names, rate=rate)
+        with READERS.guard(name, file):
+            return chosen.read(file, names=names, rate=rate)
     except MocapFitError:
         raise
     except OSError as error:
-        raise unreadable(path, error) from None
-    except Exception as error:
-        source = READERS.source(name)
-        if source == "mocap-fit":
-            raise
-        raise RegistryError(
-            f"the reader '{name}' of {source} fails on {file}",
-            found=f"{type(error).__name__}: {error}",
-            advice="Choose another reader (reader=...), or tell its authors.",
-        ) from error
+        raise from_os_error(error, path) from None
 
 
 def read_tracks(

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self
 
-from mocap_fit.errors import FileFormatError
+from mocap_fit.errors import FileFormatError, from_os_error
 
 LONGEST_LINE = 4 * 2**20
 """Bytes. 10,000 markers with long names fill about a quarter of it."""
@@ -27,17 +27,15 @@ def checked_file(path: str | os.PathLike[str]) -> Path:
 
     Raises
     ------
+    MissingFileError
+        If there is no such file.
     FileFormatError
-        If there is no such file, or it is a folder, a device, or empty.
+        If it is a folder, a device, or empty.
     """
     try:
         file = Path(path)
         if not file.exists():
-            raise FileFormatError(
-                "there is no such file",
-                path=path,
-                advice="Check the name, and the folder that the command runs in.",
-            )
+            raise FileNotFoundError
         if file.is_dir():
             raise FileFormatError(
                 "this is a folder", path=path, expected="a file", advice="Name a file in it."
@@ -49,19 +47,8 @@ def checked_file(path: str | os.PathLike[str]) -> Path:
                 "the file is empty", path=path, advice="Export or copy the recording again."
             )
     except (OSError, ValueError) as error:
-        raise unreadable(path, error) from None
+        raise from_os_error(error, path) from None
     return file
-
-
-def unreadable(path: str | os.PathLike[str], error: Exception) -> FileFormatError:
-    """The error for a file that the system does not let us read."""
-    reason = getattr(error, "strerror", None) or error
-    return FileFormatError(
-        "the file cannot be read",
-        path=path,
-        found=reason,
-        advice="Check that it exists and that you may read it.",
-    )
 
 
 def read_head(path: str | os.PathLike[str], size: int) -> bytes:
@@ -130,7 +117,7 @@ class TextFile:
                 # Line ends of old Macintosh programs.
                 self._reopen(self._file.read().replace(b"\r\n", b"\n").replace(b"\r", b"\n"))
         except OSError as error:
-            raise unreadable(path, error) from None
+            raise from_os_error(error, path) from None
         except UnicodeDecodeError:
             self._file.close()
             raise self._not_text() from None
@@ -201,7 +188,7 @@ class TextFile:
         try:
             block = (self._waiting or b"") + self._file.read()
         except OSError as error:
-            raise unreadable(self.path, error) from None
+            raise from_os_error(error, self.path) from None
         self._waiting = None
         if b"\r" in block:
             block = block.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
@@ -229,7 +216,7 @@ class TextFile:
             try:
                 read = self._file.read(size)
             except OSError as error:
-                raise unreadable(self.path, error) from None
+                raise from_os_error(error, self.path) from None
             ended = not read
             block = left + read
             cut = len(block) if ended else block.rfind(b"\n") + 1
@@ -258,7 +245,7 @@ class TextFile:
         try:
             return self._file.readline(LONGEST_LINE + 1) or None
         except OSError as error:
-            raise unreadable(self.path, error) from None
+            raise from_os_error(error, self.path) from None
 
     def _damaged(self, line: int) -> FileFormatError:
         return FileFormatError(

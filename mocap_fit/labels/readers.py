@@ -9,14 +9,19 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Protocol
 
-from mocap_fit.errors import DataError, FileFormatError, MocapFitWarning, RegistryError
-from mocap_fit.io.text import checked_file, unreadable
+from mocap_fit.atomic_file import write_atomically
+from mocap_fit.errors import (
+    DataError,
+    FileFormatError,
+    MocapFitError,
+    from_os_error,
+)
+from mocap_fit.io.text import checked_file
 from mocap_fit.registry import Registry
 
 LABEL_READERS = Registry("mocap_fit.label_readers", "label reader")
@@ -162,37 +167,15 @@ def find_label_reader(path: str | os.PathLike[str]) -> str:
     ------
     FileFormatError
         If the file is missing, empty or unreadable, or no reader takes it.
+    RegistryError
+        If a reader of another distribution fails.
 
     Warns
     -----
     MocapFitWarning
         If a reader cannot be loaded; it is passed over.
     """
-    file = checked_file(path)
-    loaded: dict[str, LabelReader] = {}
-    for name in LABEL_READERS.names():
-        try:
-            loaded[name] = _reader(name)
-        except RegistryError as error:
-            warnings.warn(str(error), MocapFitWarning, stacklevel=2)
-    ending = file.suffix.lower()
-    by_ending = [name for name, reader in loaded.items() if ending in reader.extensions]
-    others = [name for name in loaded if name not in by_ending]
-    for name in by_ending + others:
-        if loaded[name].sniff(file):
-            return name
-    # A damaged file still gets to its reader, who says what is wrong, if the ending leaves no
-    # doubt which that is.
-    if len(by_ending) == 1:
-        return by_ending[0]
-    raise FileFormatError(
-        "no label reader takes this file",
-        path=path,
-        expected=", ".join(
-            f"{name} ({' '.join(reader.extensions)})" for name, reader in loaded.items()
-        ),
-        advice="Export the labels in one of these formats, or name the reader.",
-    )
+    return LABEL_READERS.find(checked_file(path), ambiguous_extensions=False)
 
 
 def read_all_labels(
@@ -220,11 +203,15 @@ def read_all_labels(
         If the file is neither UTF-8 nor UTF-16, and is read as Latin-1.
     """
     file = checked_file(path)
-    chosen = _reader(find_label_reader(file) if reader is None else reader)
+    name = find_label_reader(file) if reader is None else reader
+    chosen = _reader(name)
     try:
-        return chosen.read(file, rate=rate)
+        with LABEL_READERS.guard(name, file):
+            return chosen.read(file, rate=rate)
+    except MocapFitError:
+        raise
     except OSError as error:
-        raise unreadable(path, error) from None
+        raise from_os_error(error, path) from None
 
 
 def read_labels(
@@ -317,22 +304,15 @@ def write_labels(
                 advice="Choose another ending, or name the format (reader=...).",
             )
         reader = "htk-lab" if "htk-lab" in takes else takes[0]
-    content = _reader(reader).text(utterances, target, rate=rate)
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
+    chosen = _reader(reader)
+    with LABEL_READERS.guard(reader, path):
+        content = chosen.text(utterances, target, rate=rate)
     try:
-        partial.write_bytes(content.encode("utf-8"))
-        os.replace(partial, target)
-    except OSError as error:
-        raise FileFormatError(
-            "the file cannot be written",
-            path=path,
-            found=error.strerror or error,
-            advice="Check that the folder exists and may be written to.",
-        ) from None
+        encoded = content.encode("utf-8")
     except UnicodeEncodeError as error:
         raise DataError("a label holds half a character", path=path, found=error) from None
-    finally:
-        partial.unlink(missing_ok=True)
+    with write_atomically(path) as partial:
+        partial.write_bytes(encoded)
 
 
 def _reader(name: str) -> LabelReader:

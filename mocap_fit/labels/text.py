@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap_fit.errors import DataError, FileFormatError, MocapFitWarning
-from mocap_fit.io.text import checked_file, read_head, unreadable
+from mocap_fit.errors import DataError, FileFormatError, MocapFitWarning, from_os_error
+from mocap_fit.io.text import checked_file, read_head
 from mocap_fit.labels.readers import Label, Labels
 
 LARGEST_FILE = 256 * 2**20
@@ -53,7 +53,7 @@ def label_text(path: str | os.PathLike[str]) -> str:
             )
         content = file.read_bytes()
     except OSError as error:
-        raise unreadable(path, error) from None
+        raise from_os_error(error, path) from None
     encoding = _encoding(content)
     try:
         text = content.decode(encoding or "utf-8-sig")

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 import unicodedata
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from mocap_fit.errors import ConfigurationError, first_fault
+from mocap_fit.errors import ConfigurationError, with_path
 from mocap_fit.phones.phone import (
     ARTICULATORY_PARAMETERS,
     MANNERS,
@@ -19,17 +17,14 @@ from mocap_fit.phones.phone import (
     Phone,
 )
 from mocap_fit.phones.phone_set import PhoneSet, StressMarks
+from mocap_fit.settings_file import StrictModel, list_shipped, load_settings
 
 _Share = Annotated[float, Field(ge=0, le=1)]
 _Graded = Annotated[float, Field(ge=-1, le=1)]
 _Text = Annotated[str, Field(min_length=1)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class _Row(_Strict):
+class _Row(StrictModel):
     """A phone in a file."""
 
     kind: str = ""
@@ -100,12 +95,12 @@ class _VowelRow(_Row):
     stress: bool = True
 
 
-class _Silence(_Strict):
+class _Silence(StrictModel):
     symbol: _Text
     also: tuple[str, ...] = ()
 
 
-class _Stress(_Strict):
+class _Stress(StrictModel):
     position: Literal["before", "after"]
     levels: tuple[Literal[0, 1, 2], ...]
     unstressed: tuple[str, ...] = ("",)
@@ -133,7 +128,7 @@ class _Stress(_Strict):
         return StressMarks(self.levels, {k: v for k, v in every.items() if v}, self.position)
 
 
-class _SetFile(_Strict):
+class _SetFile(StrictModel):
     name: str = ""
     language: str = ""
     description: str = ""
@@ -141,8 +136,8 @@ class _SetFile(_Strict):
     features_from: Literal["panphon"] | None = None
     silence: _Silence
     stress: _Stress | None = None
-    vowels: dict[_Text, _VowelRow] = {}
-    consonants: dict[_Text, _Row] = {}
+    vowels: dict[_Text, _VowelRow] = Field(default_factory=dict)
+    consonants: dict[_Text, _Row] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _check_sounds(self) -> _SetFile:
@@ -175,8 +170,7 @@ def _compose(text: str) -> str:
 
 def list_phone_sets() -> tuple[str, ...]:
     """Names of the phone sets that come with the package."""
-    files = resources.files("mocap_fit.phones").joinpath("sets").iterdir()
-    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
+    return list_shipped(__package__, "sets")
 
 
 def load_phone_set(name: str | Path) -> PhoneSet:
@@ -189,37 +183,12 @@ def load_phone_set(name: str | Path) -> PhoneSet:
 
     Raises
     ------
+    MissingFileError
+        If there is no such set.
     ConfigurationError
-        If there is no such set, or its file contradicts itself; the message says where.
+        If its file contradicts itself; the message says where.
     """
-    text_name = str(name)
-    try:
-        if text_name in list_phone_sets():
-            folder = resources.files("mocap_fit.phones").joinpath("sets")
-            text = folder.joinpath(f"{text_name}.toml").read_text("utf-8")
-        else:
-            text = Path(name).read_text("utf-8")
-        content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigurationError("the phone set is not TOML", path=text_name, found=error) from None
-    except RecursionError:
-        raise ConfigurationError(
-            "the phone set is not TOML", path=text_name, found="lists within lists without end"
-        ) from None
-    except (OSError, ValueError) as error:
-        raise ConfigurationError(
-            "the phone set cannot be read",
-            path=text_name,
-            found=getattr(error, "strerror", None) or error,
-            advice=f"Give a TOML file, or one of these: {', '.join(list_phone_sets())}.",
-        ) from None
-    try:
-        table = _SetFile.model_validate(content)
-    except ValidationError as error:
-        place, problem = first_fault(content, error.errors())
-        raise ConfigurationError(
-            f"the phone set is wrong{' at ' if place else ''}{place}: {problem}", path=text_name
-        ) from None
+    table = load_settings(_SetFile, name, package=__package__, folder="sets", noun="phone set")
     compute = None
     if table.features_from == "panphon":
         from mocap_fit.phones.computed import compute_phone
@@ -227,7 +196,7 @@ def load_phone_set(name: str | Path) -> PhoneSet:
         compute = compute_phone
     try:
         return PhoneSet(
-            table.name or Path(text_name).stem,
+            table.name or Path(name).stem,
             table.to_phones(),
             language=table.language,
             description=table.description,
@@ -236,6 +205,4 @@ def load_phone_set(name: str | Path) -> PhoneSet:
             compute=compute,
         )
     except ConfigurationError as error:
-        raise ConfigurationError(
-            error.problem, path=text_name, found=error.found, expected=error.expected
-        ) from None
+        raise with_path(error, name) from None

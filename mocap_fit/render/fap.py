@@ -13,7 +13,7 @@ import os
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_fit.atomic_file import whole_file
+from mocap_fit.atomic_file import write_atomically
 from mocap_fit.face.fap import FAP_COUNT, FAPS, Fap, measure_fap_units
 from mocap_fit.face.rig import Rig, evaluate
 from mocap_fit.render.talking import parameters_at
@@ -108,6 +108,6 @@ def write_fap(
     lines = [f"2.1 {name} {rate:g} {len(values)}"]
     for number, row in enumerate(values.tolist()):
         lines += [mask, " ".join(map(str, [number, *row]))]
-    with whole_file(path) as partial:
+    with write_atomically(path) as partial:
         partial.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
     return len(values)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_fit.atomic_file import whole_file
+from mocap_fit.atomic_file import write_atomically
 from mocap_fit.errors import FileFormatError, MissingExtraError
 from mocap_fit.face.mesh import Mesh, Part
 from mocap_fit.face.rig import Rig
@@ -72,7 +72,7 @@ def write_gltf(
     blended = blended_shapes(tracks, rig, rate)
     document = _Document(pygltflib, rig.mesh, blended)
     content = document.finished(tracks.name or "talk")
-    with whole_file(path) as partial:
+    with write_atomically(path) as partial:
         partial.write_bytes(content)
     return blended
 

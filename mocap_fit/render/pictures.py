@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_fit.atomic_file import whole_file
+from mocap_fit.atomic_file import write_atomically
 from mocap_fit.errors import DataError, FileFormatError
 
 Image = NDArray[np.uint8]
@@ -83,7 +83,7 @@ def save_picture(image: Image, path: str | os.PathLike[str]) -> None:
     path = Path(path)
     if path.suffix.lower() != ".png":
         raise FileFormatError("pictures are written as PNG", path=path, expected="a name in .png")
-    with whole_file(path, "picture") as partial:
+    with write_atomically(path, "picture") as partial:
         imsave(partial, image, format="png")
 
 

@@ -12,8 +12,8 @@ from typing import Literal, Self, get_args
 
 import numpy as np
 
-from mocap_fit.atomic_file import whole_file
-from mocap_fit.errors import DataError, FileFormatError
+from mocap_fit.atomic_file import write_atomically
+from mocap_fit.errors import DataError, FileFormatError, from_os_error
 from mocap_fit.tracks import FloatArray
 
 Encoding = Literal["PCM_16", "PCM_24", "PCM_32", "FLOAT", "DOUBLE"]
@@ -145,16 +145,12 @@ def read_sound(path: str | os.PathLike[str]) -> Sound:
     import soundfile
 
     file = Path(path)
-    if not file.is_file():
-        raise FileFormatError("there is no such file", path=path, expected="a wav file")
     try:
         with open(file, "rb") as stream, soundfile.SoundFile(stream) as opened:
             samples, rate = opened.read(dtype="float64", always_2d=True), opened.samplerate
             stored = opened.subtype
     except OSError as error:
-        raise FileFormatError(
-            "the file cannot be read", path=path, found=error.strerror or error
-        ) from None
+        raise from_os_error(error, path) from None
     except (RuntimeError, ValueError, TypeError) as error:
         raise FileFormatError(
             "this is not a sound file that can be read",
@@ -214,7 +210,7 @@ def write_sound(
         samples = np.clip(samples, -1.0, 1.0)
     stream = io.BytesIO()
     soundfile.write(stream, samples, rate, subtype=encoding, format="WAV")
-    with whole_file(path) as partial:
+    with write_atomically(path) as partial:
         partial.write_bytes(_without_clock_time(stream.getvalue()))
 
 

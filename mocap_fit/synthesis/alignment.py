@@ -25,8 +25,9 @@ from mocap_fit.errors import (
     DataError,
     FileFormatError,
     MissingExtraError,
+    from_os_error,
 )
-from mocap_fit.io.text import checked_file, unreadable
+from mocap_fit.io.text import checked_file
 from mocap_fit.phones import PhoneSegment, PhoneSequence, PhoneSet, load_phone_set, normalise_phones
 from mocap_fit.tracks import FloatArray
 
@@ -370,7 +371,7 @@ def _read_wav(path: str | os.PathLike[str]) -> tuple[FloatArray, float]:
             warnings.simplefilter("ignore", wavfile.WavFileWarning)
             rate, samples = wavfile.read(file)
     except OSError as error:
-        raise unreadable(path, error) from None
+        raise from_os_error(error, path) from None
     except (ValueError, EOFError, TypeError, ArithmeticError) as error:
         raise FileFormatError(
             "this is not a wav file that can be read",

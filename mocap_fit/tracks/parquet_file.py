@@ -14,8 +14,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from mocap_fit.atomic_file import whole_file
-from mocap_fit.errors import FileFormatError
+from mocap_fit.atomic_file import write_atomically
+from mocap_fit.errors import FileFormatError, from_os_error
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -73,7 +73,7 @@ class TableWriter:
         self._writer: Any = None
 
     def __enter__(self) -> Self:
-        self._partial = self._open.enter_context(whole_file(self._path))
+        self._partial = self._open.enter_context(write_atomically(self._path))
         return self
 
     def write(self, columns: Mapping[str, Any], description: Mapping[str, Any]) -> None:
@@ -201,9 +201,10 @@ def _in_words(path: str | os.PathLike[str]) -> Iterator[None]:
             advice="It may be cut short, or of another format: write it again.",
         ) from None
     except OSError as error:
-        # Pyarrow says damaged content as OSError too, but without the number of a system error.
-        problem = "the file cannot be read" if error.errno else "this is not a whole Parquet file"
-        raise FileFormatError(problem, path=path, found=error.strerror or error) from None
+        if error.errno:
+            raise from_os_error(error, path) from None
+        # Pyarrow reports damaged content as an OSError too, but without a system error's number.
+        raise FileFormatError("this is not a whole Parquet file", path=path, found=error) from None
 
 
 def _described(

@@ -234,5 +234,5 @@ def test_a_wrong_table_is_refused_with_its_place(tmp_path, text, told):
 
 
 def test_a_table_that_is_not_there_is_refused(tmp_path):
-    with pytest.raises(ConfigurationError, match="cannot be read"):
+    with pytest.raises(FileNotFoundError, match="no such table"):
         RuleBased(rules=str(tmp_path / "none.toml")).ready("sv-sta")

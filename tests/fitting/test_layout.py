@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from mocap_fit.errors import ConfigurationError
+from mocap_fit.errors import ConfigurationError, MissingFileError
 from mocap_fit.face import Rig, to_parameters
 from mocap_fit.fitting import load_layout, shipped_layouts
 
@@ -105,12 +105,12 @@ def test_wrong_layouts_say_where(tmp_path: Path, text: str, says: str) -> None:
 
 
 def test_an_unknown_name_lists_the_shipped_ones() -> None:
-    with pytest.raises(ConfigurationError, match="face30-head5"):
+    with pytest.raises(FileNotFoundError, match="face30-head5"):
         load_layout("face31")
 
 
 def test_a_file_that_cannot_be_read_is_named_once(tmp_path: Path) -> None:
-    with pytest.raises(ConfigurationError) as caught:
+    with pytest.raises(MissingFileError) as caught:
         load_layout(tmp_path / "none.toml")
     message = str(caught.value)
     assert message.count("none.toml") == 1

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from mocap_fit.errors import DataError, FileFormatError
+from mocap_fit.errors import DataError, FileFormatError, MissingFileError
 from mocap_fit.tracks import (
     Event,
     MarkerTracks,
@@ -269,7 +269,7 @@ def test_foreign_and_absent_files_are_refused(tmp_path):
     path.write_text("frame,time\n1,2\n")
     with pytest.raises(FileFormatError, match="not a whole Parquet file"):
         read_parquet(path)
-    with pytest.raises(FileFormatError, match="cannot be read"):
+    with pytest.raises(MissingFileError, match="no such file"):
         read_parquet(tmp_path / "nowhere.parquet")
     with pytest.raises(FileFormatError, match="cannot be read"):
         read_parquet(tmp_path)

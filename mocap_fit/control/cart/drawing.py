@@ -9,7 +9,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from mocap_fit.atomic_file import whole_file
+from mocap_fit.atomic_file import write_atomically
 from mocap_fit.control.cart.inspecting import branches, pooled_name, question_at
 from mocap_fit.control.cart.learning import TreeKey
 from mocap_fit.control.cart.model import Cart
@@ -125,7 +125,7 @@ def write_tree(model: Cart, key: TreeKey, path: str | os.PathLike[str]) -> None:
     FileFormatError
         If the file cannot be written.
     """
-    with whole_file(path, "picture") as partial:
+    with write_atomically(path, "picture") as partial:
         partial.write_text(tree_svg(model, key), encoding="utf-8", newline="\n")
 
 

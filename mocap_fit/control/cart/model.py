@@ -41,7 +41,7 @@ from mocap_fit.control.cart.stream import CentreStream
 from mocap_fit.control.cart.tree import Forest, Tree, packed, unpacked
 from mocap_fit.control.streaming import Stream
 from mocap_fit.corpus import Corpus
-from mocap_fit.errors import ConfigurationError, DataError
+from mocap_fit.errors import ConfigurationError, DataError, from_os_error
 from mocap_fit.phones import ARTICULATORY_PARAMETERS, PhoneSequence
 from mocap_fit.tracks import FloatArray
 
@@ -178,11 +178,7 @@ class Cart(ControlModel):
         try:
             return Path(self.questions).read_text(encoding="utf-8"), self.questions
         except (OSError, UnicodeDecodeError) as error:
-            raise ConfigurationError(
-                "the table of questions cannot be read",
-                path=self.questions,
-                found=getattr(error, "strerror", None) or error,
-            ) from None
+            raise from_os_error(error, self.questions, "table of questions") from None
 
     def _check(self) -> None:
         choices = (

@@ -356,7 +356,7 @@ def test_what_concerns_all_stops_before_anything_is_changed(kind, own, capsys):
 
 def test_folders_that_are_not_there(tmp_path, lab, capsys):
     assert convert(tmp_path / "none.toml", tmp_path / "out") == 1
-    assert "cannot be read" in capsys.readouterr().err
+    assert "no such manifest" in capsys.readouterr().err
     assert convert(lab / "manifest.toml", tmp_path / "out", "--root", tmp_path / "none") == 1
     assert "the folder of recordings is not there" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

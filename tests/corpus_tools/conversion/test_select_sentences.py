@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from corpus_tools.cli import app as cli
 from corpus_tools.cli.console import Status
 from corpus_tools.conversion import select_sentences
-from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
+from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, MissingFileError
 from mocap_fit.phones.triphones import count_triphones, cover_triphones
 
 sentences_of_phones = st.lists(
@@ -159,7 +159,7 @@ def test_bad_input_is_refused_in_words(tmp_path, given_phones, dictionary):
     bad_dictionary.write_text("cat K AE1 T\ndog\n")
     refused(FileFormatError, "line 2: a sentence has no phones", no_phones)
     refused(FileFormatError, "line 1: the text is not UTF-8", latin)
-    refused(FileFormatError, "cannot be read", tmp_path / "none.txt")
+    refused(MissingFileError, "no such file", tmp_path / "none.txt")
     refused(FileFormatError, "cannot be read", tmp_path)
     refused(DataError, "no sentence is left", empty)
     refused(DataError, "no sentence is left", dictionary=dictionary)
@@ -178,6 +178,6 @@ def test_the_command(tmp_path, capsys):
     json.loads(capsys.readouterr().out)
     assert (out / "sentences.txt").read_text().split() == ["three", "one"]
     assert cli.main(["select-sentences", str(tmp_path / "none.txt")]) == 1
-    assert "cannot be read" in capsys.readouterr().err
+    assert "no such file" in capsys.readouterr().err
     assert cli.main([*given, "--shortest", "3", "--longest", "2"]) == 2
     assert cli.main(["select-sentences", str(text), "--count", "0"]) == 2
