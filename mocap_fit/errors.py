@@ -114,6 +114,10 @@ class MissingFileError(FileFormatError, FileNotFoundError):
         self.filename = self.path
 
 
+class MissingRateError(FileFormatError):
+    """A recording that does not say its frame rate; the caller may know it."""
+
+
 class DataError(MocapFitError):
     """Arrays or tracks that cannot be used: wrong shape, no data, impossible values."""
 

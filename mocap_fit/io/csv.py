@@ -25,7 +25,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_fit.errors import FileFormatError, MocapFitWarning
+from mocap_fit.errors import FileFormatError, MissingRateError, MocapFitWarning
 from mocap_fit.io import finalise
 from mocap_fit.io.number_table import (
     NumberTable,
@@ -248,7 +248,7 @@ def _said_rate(plan: _Plan, rate: float | None, path: Path) -> float | None:
     if rate is not None:
         return checked_rate(rate, path=path)
     if plan.titles.time_scale is None:
-        raise FileFormatError(
+        raise MissingRateError(
             "the file does not say its frame rate",
             path=path,
             line=plan.line,

@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_fit.errors import FileFormatError, MocapFitWarning
+from mocap_fit.errors import FileFormatError, MissingRateError, MocapFitWarning
 from mocap_fit.io import finalise, qualisys_poses
 from mocap_fit.io.number_table import NumberTable, number, read_number_blocks, read_numbers
 from mocap_fit.io.qualisys_header import KNOWN_KEYWORDS, Header, read_events, read_header
@@ -444,7 +444,7 @@ def _said_rate(header: Header, lead: tuple[str, ...], rate: float | None) -> flo
     """The rate of the caller or of the header; None where the times must tell it."""
     said = header.rate() if rate is None else checked_rate(rate, path=header.path)
     if said is None and "time" not in lead:
-        raise FileFormatError(
+        raise MissingRateError(
             "the file does not say its frame rate",
             path=header.path,
             line=header.lines.get("FREQUENCY"),
