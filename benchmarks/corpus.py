@@ -32,8 +32,8 @@ from pathlib import Path
 import numpy as np
 
 from corpus_tools.cli import app as cli
-from corpus_tools.conversion.speaker import Speaker
 from mocap_fit import read_tracks
+from mocap_fit.fitting import fit_speaker
 from mocap_fit.fitting.compiled_solver import CompiledSolver
 from mocap_fit.tracks import MarkerTracks, read_parquet, write_parquet
 
@@ -69,7 +69,7 @@ def read_and_write(session: Path, out: Path, again: Path) -> float:
 
 def newton_alone(session: Path) -> float:
     """Seconds for Newton's method alone, on all sentences."""
-    speaker = Speaker.load(session / "reference.tsv", LAYOUT, "built-in")
+    speaker = fit_speaker("built-in", LAYOUT, session / "reference.tsv")
     binding = speaker.binding
     warnings.simplefilter("ignore")  # of frames whose head pose is not known: the command told
     stills = [

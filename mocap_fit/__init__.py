@@ -26,6 +26,7 @@ _HOMES: dict[str, str] = {
     "bind_markers": "mocap_fit.fitting",
     "fit_orientation": "mocap_fit.fitting",
     "fit_shape": "mocap_fit.fitting",
+    "fit_speaker": "mocap_fit.fitting",
     "evaluate": "mocap_fit.evaluation",
     "synthesise": "mocap_fit.synthesis",
     "render_movie": "mocap_fit.render",
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from mocap_fit.fitting import bind_markers as bind_markers
     from mocap_fit.fitting import fit_orientation as fit_orientation
     from mocap_fit.fitting import fit_shape as fit_shape
+    from mocap_fit.fitting import fit_speaker as fit_speaker
     from mocap_fit.fitting import load_layout as load_layout
     from mocap_fit.head import remove_head_motion as remove_head_motion
     from mocap_fit.io import load_sample as load_sample

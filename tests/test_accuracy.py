@@ -6,12 +6,11 @@ Thirty-five markers, head motion of ±30 mm and ±20°, 5 % drop-outs.
 import numpy as np
 import pytest
 
-from corpus_tools.conversion.fit import Options, Speaker
 from corpus_tools.demo.comparison import Accuracy, FittedRecording, accuracy
 from corpus_tools.simulation import OTHER_SPEAKER, Conditions, Session
 from mocap_fit.face import Rig, load_face
 from mocap_fit.face.builtin import load_built_in_head, reshape_head
-from mocap_fit.fitting import bind_markers, fit_orientation, fit_shape, load_layout
+from mocap_fit.fitting import fit_shape, fit_speaker, load_layout
 from mocap_fit.head import restore_head_motion
 
 pytestmark = pytest.mark.slow
@@ -26,15 +25,6 @@ SPEAKERS = {
 }
 
 
-def speaker_in(session: Session, rng: np.random.Generator, face: Rig) -> Speaker:
-    """The session's reference pose, tied to the face as the fit command does it."""
-    layout = load_layout(LAYOUT)
-    reference = session.reference(rng)
-    orientation = fit_orientation(face, layout, reference)
-    binding = bind_markers(face, layout, reference, orientation)
-    return Speaker(layout, reference, binding, "built-in")
-
-
 def measure(
     noise: float,
     objective: str,
@@ -47,9 +37,10 @@ def measure(
     conditions = Conditions(noise=noise, duration=seconds)
     session = Session(load_layout(LAYOUT), wearer or face, conditions)
     first, second = np.random.default_rng(7).spawn(2)
-    speaker = speaker_in(session, first, face)
+    speaker = fit_speaker(face, LAYOUT, session.reference(first))
     made = session.record(second, "sim")
-    fit, motion = speaker.fit(made.recording, Options(objective=objective))
+    fitted = speaker.fit(made.recording, objective=objective)
+    fit, motion = fitted.shape, fitted.head_motion
     if pose_given:
         # The truth takes the place of the pose that was found; what is done with it is the same.
         true_motion = motion.__class__(

@@ -203,15 +203,16 @@ def fit(
         )
     limit_threads()
     from corpus_tools.conversion import fit as command
+    from corpus_tools.conversion.one_recording import FitSettings
     from mocap_fit.fitting.objective import OBJECTIVES
     from mocap_fit.fitting.solving import SOLVERS
 
-    options = command.Options(
-        one_of(objective, OBJECTIVES, "--objective"),  # type: ignore[arg-type]
-        one_of(solver, SOLVERS, "--solver"),
-        refine_pose,
-        smooth,
-    )
+    settings: FitSettings = {
+        "objective": one_of(objective, OBJECTIVES, "--objective"),  # type: ignore[typeddict-item]
+        "solver": one_of(solver, SOLVERS, "--solver"),
+        "refine_pose": refine_pose,
+        "smooth": smooth,
+    }
     raise typer.Exit(
         command.run(
             recordings,
@@ -219,7 +220,7 @@ def fit(
             layout=layout,
             out=out,
             face=face,
-            options=options,
+            settings=settings,
             jobs=jobs,
             cluster=dask,
             fresh=fresh,

@@ -17,6 +17,7 @@ from corpus_tools.cli import console
 from corpus_tools.cli.console import Status
 from corpus_tools.cli.frames_meter import frames_progress
 from corpus_tools.conversion.one_recording import (
+    FitSettings,
     Outcome,
     Task,
     fit_here,
@@ -26,11 +27,10 @@ from corpus_tools.conversion.one_recording import (
     watched,
     written,
 )
-from corpus_tools.conversion.speaker import Options as Options
-from corpus_tools.conversion.speaker import Speaker as Speaker
 from mocap_fit._version import __version__
 from mocap_fit.atomic_file import make_folder
 from mocap_fit.errors import ConfigurationError
+from mocap_fit.fitting.speaker import fit_speaker
 from mocap_fit.io import READERS
 from mocap_fit.processes import Died, on_this_machine
 
@@ -81,7 +81,7 @@ def run(
     layout: str,
     out: Path,
     face: str = "built-in",
-    options: Options | None = None,
+    settings: FitSettings | None = None,
     jobs: int = 1,
     cluster: str | None = None,
     fresh: bool = False,
@@ -104,8 +104,8 @@ def run(
         The folder to write to; made where it is not there.
     face
         ``built-in``, or a rig file.
-    options
-        How to fit.
+    settings
+        Keywords of `Speaker.fit_shape`.
     jobs
         How many processes; 0 for as many as the machine has cores.
     cluster
@@ -122,10 +122,10 @@ def run(
     """
     began = time.perf_counter()
     files = expand(recordings)
-    speaker = Speaker.load(reference, layout, face)
+    speaker = fit_speaker(face, layout, reference)
     make_folder(out)
-    options = options or Options()
-    task = Task(speaker, options, speaker.fingerprint(options), fresh)
+    settings = settings or {}
+    task = Task(speaker, settings, speaker.fingerprint(**settings), fresh)
     targets = [out / f"{file.stem}.parquet" for file in files]
     _remove_partial(targets)
     seconds = {"speaker": time.perf_counter() - began}

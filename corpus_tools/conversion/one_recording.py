@@ -11,13 +11,14 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
 from corpus_tools.cli import console
-from corpus_tools.conversion.speaker import Options, Speaker
 from mocap_fit.errors import MocapFitError, MocapFitWarning, describe_error, with_path
+from mocap_fit.fitting.objective import Objective
+from mocap_fit.fitting.speaker import Speaker
 from mocap_fit.io import read_tracks
 from mocap_fit.tracks import FloatArray, ParameterTracks, read_provenance, write_parquet
 
@@ -36,22 +37,33 @@ _REPORTED = (
 )
 
 
+class FitSettings(TypedDict, total=False):
+    """How recordings are fitted: keywords of `Speaker.fit_shape` and `Speaker.fingerprint`."""
+
+    objective: Objective
+    solver: str
+    refine_pose: bool
+    smooth: bool
+
+
 @dataclass(frozen=True, eq=False)
 class Task:
     """What is done with every recording.
 
     Parameters
     ----------
-    speaker, options
-        Who is fitted, and how.
+    speaker
+        Who is fitted.
+    settings
+        Keywords of `Speaker.fit_shape`.
     fingerprint
-        `Speaker.fingerprint` of both.
+        `Speaker.fingerprint` with these.
     fresh
         Fit also what is fitted already.
     """
 
     speaker: Speaker
-    options: Options
+    settings: FitSettings
     fingerprint: str
     fresh: bool = False
 
@@ -217,8 +229,8 @@ def _fitted(
     # A long recording is not kept in both coordinates.
     del recording
     with timed(seconds, "fitting"):
-        result = task.speaker.fit_still(
-            still, task.options, lambda frames: told(frames, still.frames)
+        result = task.speaker.fit_shape(
+            still, **task.settings, progress=lambda frames: told(frames, still.frames)
         )
     tracks, fitted = result.parameters, result.fitted
     came_of_it = _summary(

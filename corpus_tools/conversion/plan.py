@@ -15,10 +15,11 @@ from typing import Any
 from pydantic import ValidationError
 
 from corpus_tools.conversion.manifest import Entry, Manifest, one_file
-from corpus_tools.conversion.speaker import Options, Speaker
+from corpus_tools.conversion.one_recording import FitSettings
 from mocap_fit.errors import ConfigurationError, MocapFitError, describe_error
 from mocap_fit.face import load_face
 from mocap_fit.fitting import Layout, load_layout
+from mocap_fit.fitting.speaker import Speaker, fit_speaker
 from mocap_fit.phones import PhoneSet, load_phone_set
 
 # Feature points of MPEG-4 on the upper and lower lip: inner border, outer border.
@@ -72,7 +73,7 @@ class Settings:
     """
 
     manifest: Manifest
-    options: Options
+    options: FitSettings
     phone_table: Mapping[str, Any]
     speakers: Mapping[str, Speaker]
     lips: tuple[str, str] | None
@@ -154,7 +155,12 @@ def make_plan(
     layout = _sized(load_layout(layout_name), manifest.fit.size_varies, layout_name)
     lips = _lips(layout, layout_name) if manifest.sync.kind == "estimate" else None
     fit = manifest.fit
-    options = Options(fit.objective, fit.solver, fit.refine_pose, fit.smooth)
+    options: FitSettings = {
+        "objective": fit.objective,
+        "solver": fit.solver,
+        "refine_pose": fit.refine_pose,
+        "smooth": fit.smooth,
+    }
     speakers: dict[str, Speaker] = {}
     fingerprints: dict[str, str] = {}
     unusable: dict[str, str] = {}
@@ -168,13 +174,13 @@ def make_plan(
                     path=root / pattern,
                     advice="Record the face at rest with lips closed, or name its file.",
                 )
-            speaker = Speaker.load(path, layout_name, face_name)
+            speaker = fit_speaker(face_name, layout_name, path)
             speaker = dataclasses.replace(speaker, layout=layout)
         except (MocapFitError, OSError) as error:
             unusable[pattern] = describe_error(error)
             continue
         speakers[pattern] = speaker
-        both = f"{speaker.fingerprint(options)}\0{shared}"
+        both = f"{speaker.fingerprint(**options)}\0{shared}"
         fingerprints[pattern] = hashlib.sha256(both.encode()).hexdigest()
     if not speakers:
         # One that cannot be used is no fault of the reference poses.

@@ -274,8 +274,8 @@ def _converted(
             with _timed(seconds, "head_motion"):
                 still, motion = speaker.remove_head_motion(recording)
             with _timed(seconds, "fitting"):
-                result = speaker.fit_still(
-                    still, settings.options, lambda frames: told(frames, still.frames)
+                result = speaker.fit_shape(
+                    still, **settings.options, progress=lambda frames: told(frames, still.frames)
                 )
         except DataError as error:
             raise with_path(error, job.recording) from None

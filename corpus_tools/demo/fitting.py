@@ -9,11 +9,11 @@ from typing import Any
 
 from corpus_tools import simulation as simulate
 from corpus_tools.cli import console
-from corpus_tools.conversion.fit import Options, Speaker
 from corpus_tools.demo import figures
 from corpus_tools.demo.comparison import Accuracy, FittedRecording, accuracy
 from mocap_fit.drawing import save_figure
 from mocap_fit.fitting.objective import Objective
+from mocap_fit.fitting.speaker import Speaker, fit_speaker
 from mocap_fit.io import read_tracks
 from mocap_fit.tracks import ParameterTracks, PoseTracks, read_parquet, write_parquet
 
@@ -64,7 +64,7 @@ def fit_part(out: Path, seed: int, conditions: simulate.Conditions, *, can_draw:
     """
     _simulate(out, seed, conditions)
     speakers = {
-        session: Speaker.load(out / session / "reference.tsv", LAYOUT, "built-in")
+        session: fit_speaker("built-in", LAYOUT, out / session / "reference.tsv")
         for session in SESSIONS
     }
     fits = _fit(out, speakers)
@@ -130,11 +130,11 @@ def _fit(out: Path, speakers: dict[str, Speaker]) -> Fits:
                 assert isinstance(truth, ParameterTracks)
                 assert isinstance(pose, PoseTracks)
                 for objective in _OBJECTIVES:
-                    result, motion = speaker.fit(recording, Options(objective))
-                    fitted = FittedRecording(recording, result, motion, truth, pose)
+                    fit = speaker.fit(recording, objective=objective)
+                    fitted = FittedRecording(recording, fit.shape, fit.head_motion, truth, pose)
                     fits[session][objective].append(fitted)
                     if objective == _OBJECTIVES[0]:
-                        write_parquet(result.parameters, folder / "fit" / f"{file.stem}.parquet")
+                        write_parquet(fit.parameters, folder / "fit" / f"{file.stem}.parquet")
                     advance()
     return fits
 

@@ -405,9 +405,9 @@ def _markers(look: Look, tracks: ParameterTracks | None) -> MarkerTracks:
     assert look.markers is not None
     markers = read_tracks(look.markers)
     if look.reference is not None and look.layout is not None:
-        from corpus_tools.conversion.speaker import Speaker
+        from mocap_fit.fitting import fit_speaker
 
-        speaker = Speaker.load(look.reference, look.layout, look.face)
+        speaker = fit_speaker(look.face, look.layout, look.reference)
         still, _ = speaker.remove_head_motion(markers)
         still = still.select(speaker.binding.names)
         markers = still.replace(positions=speaker.binding.orientation.apply(still.positions))

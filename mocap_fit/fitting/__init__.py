@@ -6,6 +6,7 @@ from mocap_fit.fitting.memory import check_memory, estimate_memory
 from mocap_fit.fitting.orientation import Orientation, fit_orientation
 from mocap_fit.fitting.over_time import fit_over_time
 from mocap_fit.fitting.shape import ShapeFit, fit_shape
+from mocap_fit.fitting.speaker import Speaker, SpeakerFit, fit_speaker
 
 __all__ = [
     "Binding",
@@ -13,12 +14,15 @@ __all__ = [
     "LayoutMarker",
     "Orientation",
     "ShapeFit",
+    "Speaker",
+    "SpeakerFit",
     "bind_markers",
     "check_memory",
     "estimate_memory",
     "fit_orientation",
     "fit_over_time",
     "fit_shape",
+    "fit_speaker",
     "load_layout",
     "shipped_layouts",
 ]

@@ -320,12 +320,12 @@ def test_newton_and_nlopt_agree_on_many_simulated_frames(face, layout, monkeypat
 @pytest.mark.slow
 @pytest.mark.real_data
 def test_newton_and_nlopt_agree_on_real_recordings(data_folder, monkeypatch) -> None:
-    from corpus_tools.conversion.fit import Speaker
     from mocap_fit import read_tracks
+    from mocap_fit.fitting import fit_speaker
     from mocap_fit.head import match_size
 
     folder = data_folder / "grid_s1"
-    speaker = Speaker.load(folder / "reference.tsv", "grid_s1", "built-in")
+    speaker = fit_speaker("built-in", "grid_s1", folder / "reference.tsv")
     weights = {m.name: m.weight for m in speaker.layout.head_markers}
     tally = Tally()
     for path in sorted((folder / "tsv").glob("*.tsv")):

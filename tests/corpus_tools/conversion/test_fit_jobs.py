@@ -19,8 +19,8 @@ import mocap_fit
 from corpus_tools.batch.cluster import over_cluster
 from corpus_tools.cli import app as cli
 from corpus_tools.cli import console, frames_meter
-from corpus_tools.conversion.speaker import Options, Speaker
 from mocap_fit.errors import ConfigurationError, MissingExtraError
+from mocap_fit.fitting import fit_speaker
 from mocap_fit.tracks import read_parquet
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
@@ -203,21 +203,21 @@ class TestResume:
 
 @pytest.fixture(scope="module")
 def speaker(folder):
-    return Speaker.load(folder.reference, folder.layout, "built-in")
+    return fit_speaker("built-in", folder.layout, folder.reference)
 
 
 class TestFingerprint:
     def test_it_is_the_same_when_made_again(self, folder, speaker):
-        again = Speaker.load(folder.reference, folder.layout, "built-in")
-        assert again.fingerprint(Options()) == speaker.fingerprint(Options())
+        again = fit_speaker("built-in", folder.layout, folder.reference)
+        assert again.fingerprint() == speaker.fingerprint()
 
     def test_options_and_version_count(self, speaker, monkeypatch):
         found = {
-            speaker.fingerprint(options)
-            for options in (Options(), Options("squares"), Options(refine_pose=True))
+            speaker.fingerprint(**settings)
+            for settings in ({}, {"objective": "squares"}, {"refine_pose": True})
         }
-        monkeypatch.setattr("corpus_tools.conversion.speaker.__version__", "99.0")
-        assert len(found | {speaker.fingerprint(Options())}) == 4
+        monkeypatch.setattr("mocap_fit.fitting.speaker.__version__", "99.0")
+        assert len(found | {speaker.fingerprint()}) == 4
 
 
 # Where tests run in the background, Ctrl-C may be set to be ignored, and that is inherited.

@@ -4,26 +4,30 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from corpus_tools.conversion.fit import Options, Speaker
 from corpus_tools.demo.comparison import FittedRecording, accuracy, parameter_bounds, pose_errors
 from corpus_tools.demo.figures import varied_frames
 from mocap_fit.drawing import save_figure
 from mocap_fit.errors import DataError
+from mocap_fit.fitting import fit_speaker
 from mocap_fit.io import read_tracks
 from mocap_fit.tracks import read_parquet
 
 
 @pytest.fixture(scope="module")
 def speaker(session):
-    return Speaker.load(session.reference, session.layout, "built-in")
+    return fit_speaker("built-in", session.layout, session.reference)
 
 
 @pytest.fixture(scope="module")
 def fitted(session, speaker):
     recording = read_tracks(session.recordings[0])
-    result, motion = speaker.fit(recording, Options("squares"))
+    fit = speaker.fit(recording, objective="squares")
     return FittedRecording(
-        recording, result, motion, read_parquet(session.truth[0]), read_parquet(session.poses[0])
+        recording,
+        fit.shape,
+        fit.head_motion,
+        read_parquet(session.truth[0]),
+        read_parquet(session.poses[0]),
     )
 
 

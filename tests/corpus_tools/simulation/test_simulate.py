@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from corpus_tools.cli import app as cli
-from corpus_tools.conversion.fit import Speaker
 from corpus_tools.simulation import Conditions, gesture
 from mocap_fit.errors import ConfigurationError
+from mocap_fit.fitting import fit_speaker
 from mocap_fit.io import read_tracks
 from mocap_fit.tracks import MarkerTracks, ParameterTracks, PoseTracks, read_parquet
 
@@ -23,7 +23,7 @@ def hashes(folder):
 
 def predicted(folder, which=0):
     """Markers, by name, where truth and pose put them, `(frames, 3)` each, in the laboratory."""
-    speaker = Speaker.load(folder.reference, folder.layout, "built-in")
+    speaker = fit_speaker("built-in", folder.layout, folder.reference)
     binding = speaker.binding
     truth, pose = read_parquet(folder.truth[which]), read_parquet(folder.poses[which])
     face = np.array([binding.evaluate(values)[0] for values in truth.values])
@@ -155,7 +155,7 @@ def test_noise_is_what_was_asked_for(simulate, noise, tmp_path):
 def test_another_speaker_has_another_head(simulate, session, tmp_path):
     other = simulate(tmp_path / "other", "--utterances", 1, "--other-speaker")
     scales = [
-        Speaker.load(folder.reference, folder.layout, "built-in").binding.orientation.scale
+        fit_speaker("built-in", folder.layout, folder.reference).binding.orientation.scale
         for folder in (session, other)
     ]
     assert scales[0] == pytest.approx(1.0, abs=0.01)
