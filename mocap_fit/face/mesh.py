@@ -258,6 +258,23 @@ class Mesh:
         return replace(self, vertices=vertices)
 
 
+def list_edges(triangles: IndexArray) -> IndexArray:
+    """List every edge once.
+
+    Parameters
+    ----------
+    triangles
+        Vertex indices, ``(triangles, 3)``.
+
+    Returns
+    -------
+    ndarray
+        ``(edges, 2)``, sorted, the smaller index first.
+    """
+    pairs = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    return np.unique(np.sort(pairs, axis=1), axis=0)
+
+
 def _check_vertices(vertices: FloatArray) -> FloatArray:
     if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) < 3:
         raise ConfigurationError(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,7 +139,7 @@ class _Body:
         names = [name for name, _, _ in element.properties]
         if self.order:
             record = [(name, self.order + kind) for name, _, kind in element.properties]
-            rows = self._take(np.dtype(record), element.count)
+            rows: Any = self._take(np.dtype(record), element.count)
             return {name: rows[name] for name in names}
         table = self._take("f8", element.count * len(names)).reshape(element.count, len(names))
         return dict(zip(names, table.T, strict=True))

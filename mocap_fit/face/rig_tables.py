@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
 from mocap_fit.errors import ConfigurationError
-from mocap_fit.face.mesh import IndexArray, Mesh
+from mocap_fit.face.mesh import IndexArray, Mesh, list_edges
 from mocap_fit.tracks import FloatArray
 
 # No length, angle or factor of a face is larger; beyond, arithmetic overflows.
@@ -247,8 +247,7 @@ def compute_surface_distance(mesh: Mesh, vertices: int | list[int]) -> FloatArra
     FloatArray
         `(vertices,)`; infinite on pieces of the mesh that hold none of them.
     """
-    edges = np.concatenate([mesh.triangles[:, [i, (i + 1) % 3]] for i in range(3)])
-    edges = np.unique(np.sort(edges, axis=1), axis=0)
+    edges = list_edges(mesh.triangles)
     lengths = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
     count = len(mesh.vertices)
     graph = sparse.csr_matrix((lengths, (edges[:, 0], edges[:, 1])), shape=(count, count))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from mocap_fit.face.builtin import brows, eyes, landmarks
 from mocap_fit.face.builtin import teeth_and_tongue as inside_mouth
-from mocap_fit.face.builtin.regions import skin_colours, skin_regions
+from mocap_fit.face.builtin.regions import find_skin_regions, paint_skin
 from mocap_fit.face.builtin.skin import build_skin
-from mocap_fit.face.builtin.surfaces import Piece, joined
+from mocap_fit.face.builtin.surfaces import Piece, join_pieces
 from mocap_fit.face.mesh import Material, Mesh, Part
 
 MATERIALS = {
@@ -21,48 +21,54 @@ MATERIALS = {
 
 
 def build_head() -> Mesh:
-    """Make the built-in head, without the cache."""
+    """Build the built-in head, without the cache.
+
+    Returns
+    -------
+    Mesh
+        The head, millimetres in the head frame.
+    """
     skin = build_skin()
-    brow, eye, lashes = brows.brow(), eyes.eyeball(), eyes.lashes()
+    brow, eye, lashes = brows.build_brow(), eyes.build_eyeball(), eyes.build_lashes()
     pieces = {
-        "skin": Piece(skin.vertices, skin.triangles, skin_colours(skin)),
-        "teeth_upper": inside_mouth.teeth(upper=True),
-        "teeth_lower": inside_mouth.teeth(upper=False),
-        "gums_upper": inside_mouth.gums(upper=True),
-        "gums_lower": inside_mouth.gums(upper=False),
-        "tongue": inside_mouth.tongue(),
+        "skin": Piece(skin.vertices, skin.triangles, paint_skin(skin)),
+        "teeth_upper": inside_mouth.build_teeth(upper=True),
+        "teeth_lower": inside_mouth.build_teeth(upper=False),
+        "gums_upper": inside_mouth.build_gums(upper=True),
+        "gums_lower": inside_mouth.build_gums(upper=False),
+        "tongue": inside_mouth.build_tongue(),
         "eye_left": eye,
-        "eye_right": eye.mirrored(),
+        "eye_right": eye.mirror(),
         "brow_left": brow,
-        "brow_right": brow.mirrored(),
+        "brow_right": brow.mirror(),
         "lashes_left": lashes,
-        "lashes_right": lashes.mirrored(),
+        "lashes_right": lashes.mirror(),
     }
-    whole = joined(list(pieces.values()))
-    parts = _parts(pieces)
-    points = landmarks.feature_points(skin)
+    head = join_pieces(list(pieces.values()))
+    parts = _make_parts(pieces)
+    points = landmarks.find_feature_points(skin)
     start = {part.name: part.vertices.start for part in parts}
     on_parts = {
-        "tongue": landmarks.tongue_points(pieces["tongue"]),
-        "teeth_upper": landmarks.teeth_points(pieces["teeth_upper"], upper=True),
-        "teeth_lower": landmarks.teeth_points(pieces["teeth_lower"], upper=False),
-        "eye_left": {"3.5": landmarks.pupil_point(pieces["eye_left"])},
-        "eye_right": {"3.6": landmarks.pupil_point(pieces["eye_right"])},
+        "tongue": landmarks.find_tongue_points(pieces["tongue"]),
+        "teeth_upper": landmarks.find_teeth_points(pieces["teeth_upper"], upper=True),
+        "teeth_lower": landmarks.find_teeth_points(pieces["teeth_lower"], upper=False),
+        "eye_left": {"3.5": landmarks.find_pupil(pieces["eye_left"])},
+        "eye_right": {"3.6": landmarks.find_pupil(pieces["eye_right"])},
     }
-    for name, found in on_parts.items():
-        points.update({number: start[name] + vertex for number, vertex in found.items()})
+    for name, local_points in on_parts.items():
+        points.update({number: start[name] + vertex for number, vertex in local_points.items()})
     ordered = sorted(points, key=lambda number: [int(digits) for digits in number.split(".")])
     return Mesh(
-        whole.vertices,
-        whole.triangles,
+        head.vertices,
+        head.triangles,
         parts,
-        skin_regions(skin),
+        find_skin_regions(skin),
         {number: points[number] for number in ordered},
-        whole.colours,
+        head.colours,
     )
 
 
-def _parts(pieces: dict[str, Piece]) -> tuple[Part, ...]:
+def _make_parts(pieces: dict[str, Piece]) -> tuple[Part, ...]:
     parts = []
     vertex = triangle = 0
     for name, piece in pieces.items():

@@ -34,9 +34,13 @@ _UNREADABLE = (
 
 
 def get_cache_folder() -> Path:
-    """The folder that mocap-fit may keep things in, and rebuild them from nothing.
+    """Return the folder for files that mocap-fit can make again at any time.
 
-    It is ``MOCAP_FIT_CACHE`` if that is set, or the platform's place for such things.
+    Returns
+    -------
+    Path
+        ``MOCAP_FIT_CACHE`` if that environment variable is set, or the platform's folder for
+        caches.
     """
     chosen = os.environ.get("MOCAP_FIT_CACHE")
     if chosen:
@@ -53,8 +57,19 @@ def get_cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache") / "mocap-fit"
 
 
-def source_key(*sources: Path) -> str:
-    """A short name for the state of some modules and of the libraries they compute with."""
+def hash_sources(*sources: Path) -> str:
+    """Return a short name for the state of some modules and of the libraries they compute with.
+
+    Parameters
+    ----------
+    *sources
+        The modules' files.
+
+    Returns
+    -------
+    str
+        Sixteen hexadecimal digits, other ones when a source or the version of a library changes.
+    """
     versions = (__version__, np.__version__, metadata.version("scipy"))
     digest = hashlib.sha256("\n".join(versions).encode())
     for source in sorted(sources):
@@ -64,7 +79,14 @@ def source_key(*sources: Path) -> str:
 
 
 def save_mesh(mesh: Mesh, path: Path) -> bool:
-    """Keep a mesh in a file, whole or not at all.
+    """Save a mesh to a file, completely or not at all.
+
+    Parameters
+    ----------
+    mesh
+        The mesh.
+    path
+        The file; its folder is made.
 
     Returns
     -------
@@ -109,7 +131,18 @@ def save_mesh(mesh: Mesh, path: Path) -> bool:
 
 
 def load_mesh(path: Path) -> Mesh | None:
-    """The mesh kept in a file, or None if there is none or it cannot be used."""
+    """Load a mesh from a file of the cache.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    Mesh or None
+        None if there is no such file or it cannot be used.
+    """
     try:
         with np.load(path, allow_pickle=False) as arrays:
             about = json.loads(arrays["about"].tobytes())

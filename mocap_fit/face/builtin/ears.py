@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from mocap_fit.face.builtin.flesh import skin_at
-from mocap_fit.face.builtin.surfaces import bump, hill, smoothstep
+from mocap_fit.face.builtin.flesh import locate_skin
+from mocap_fit.face.builtin.surfaces import compute_bump, compute_hill, smoothstep
 from mocap_fit.tracks import FloatArray
 
 EAR_POINTS = 32
@@ -36,28 +36,38 @@ _OUTLINE = np.array(
 )
 
 
-def ear_outline() -> FloatArray:
-    """Where the left ear joins the head, seen from the left: `(points, 2)` of z and y.
+def trace_ear_outline() -> FloatArray:
+    """Return where the left ear joins the head, seen from the left.
 
-    The order is counter-clockwise seen from outside: back, top, front, bottom.
+    Returns
+    -------
+    ndarray
+        z and y, ``(points, 2)``, millimetres, counter-clockwise seen from outside: back, top,
+        front, bottom.
     """
-    angle = _angles()
+    angle = _list_angles()
     back, up = np.cos(angle), np.sin(angle)
     # Narrow where the ear stands off the head, just outside the rim where it lies on the cheek.
     narrow = 1 / np.hypot(back / 4.5, up / 24.0)
     share = smoothstep((0.20 - back) / 0.95)
-    reach = narrow + share * (_reach(angle) + 2.0 - narrow)
+    reach = narrow + share * (_compute_reach(angle) + 2.0 - narrow)
     along = reach * up
     z = _CENTRE[2] - 0.9 * reach * back + _UPWARDS[2] * along
     return np.stack([z, _CENTRE[1] + _UPWARDS[1] * along], axis=1)
 
 
-def ear_rings() -> list[FloatArray]:
-    """Rings `(EAR_POINTS, 3)` from the skin to the bowl; the last is to be closed by a point."""
-    base = skin_at(ear_outline(), (2, 1))
-    face = [_face_ring(radius, base) for radius in _FACE_RINGS]
+def build_ear_rings() -> list[FloatArray]:
+    """Build the rings of the left ear, from the skin over its rim into its bowl.
+
+    Returns
+    -------
+    list of ndarray
+        Rings ``(EAR_POINTS, 3)``, millimetres; the last is to be closed by a point.
+    """
+    base = locate_skin(trace_ear_outline(), (2, 1))
+    face = [_build_face_ring(radius, base) for radius in _FACE_RINGS]
     rim = face[0]
-    back = np.cos(_angles())
+    back = np.cos(_list_angles())
     behind = smoothstep((back + 0.35) / 0.9)[:, None]
     joint = []
     for share in (0.82, 0.55, 0.20):
@@ -67,33 +77,34 @@ def ear_rings() -> list[FloatArray]:
     return [base, *joint, *face]
 
 
-def _angles() -> FloatArray:
+def _list_angles() -> FloatArray:
+    """Return the angles of the points of a ring."""
     return 2 * np.pi * np.arange(EAR_POINTS) / EAR_POINTS
 
 
-def _reach(angle: FloatArray) -> FloatArray:
-    """Distance of the rim from the ear's centre."""
+def _compute_reach(angle: FloatArray) -> FloatArray:
+    """Return the distance of the rim from the ear's centre."""
     rim = CubicSpline(np.radians(_OUTLINE[:, 0]), _OUTLINE[:, 1], bc_type="periodic")
     return np.asarray(rim(angle))
 
 
-def _face_ring(radius: float, base: FloatArray) -> FloatArray:
-    """The outer face of the ear at a share of the way from its middle to its rim."""
-    angle = _angles()
+def _build_face_ring(radius: float, base: FloatArray) -> FloatArray:
+    """Build the ring of the outer face at a share of the way from the ear's middle to its rim."""
+    angle = _list_angles()
     back, up = np.cos(angle), np.sin(angle)
-    reach = _reach(angle)
+    reach = _compute_reach(angle)
     front = smoothstep((-back - 0.15) / 0.7)
     lobe = smoothstep((-up - 0.55) / 0.35)
     across, along = reach * radius * back, reach * radius * up
-    height = 4.0 - 7.0 * bump(across, along, (-2.0, -4.0), (6.0, 8.0))  # the bowl
+    height = 4.0 - 7.0 * compute_bump(across, along, (-2.0, -4.0), (6.0, 8.0))  # the bowl
     fold = (1 - front) * (1 - lobe)
     at = np.full_like(up, radius)
-    height += 2.6 * hill(at, 0.58, 0.085) * fold * smoothstep((up + 1) / 0.6)
-    height -= 1.8 * hill(at, 0.78, 0.07) * fold
-    height += 2.8 * hill(at, 0.96, 0.07) * (1 - 0.6 * lobe) * (1 - front)
-    height += 1.8 * bump(across, along, (-4.5, -15), (2.8, 2.5))  # antitragus
+    height += 2.6 * compute_hill(at, 0.58, 0.085) * fold * smoothstep((up + 1) / 0.6)
+    height -= 1.8 * compute_hill(at, 0.78, 0.07) * fold
+    height += 2.8 * compute_hill(at, 0.96, 0.07) * (1 - 0.6 * lobe) * (1 - front)
+    height += 1.8 * compute_bump(across, along, (-4.5, -15), (2.8, 2.5))  # antitragus
     if radius < 0.95:  # root of the helix
-        height += 2.2 * hill(along, 7, 1.8) * smoothstep((-across - 1) / 6)
+        height += 2.2 * compute_hill(along, 7, 1.8) * smoothstep((-across - 1) / 6)
     flare = _FLARE + _FLARE_PER_MM * along
     sine, cosine, zero = np.sin(flare), np.cos(flare), np.zeros_like(flare)
     points = _CENTRE + np.outer(along, _UPWARDS)
@@ -103,5 +114,5 @@ def _face_ring(radius: float, base: FloatArray) -> FloatArray:
     on_cheek = base + (1 - 0.90 * radius) * (base.mean(axis=0) - base)
     share = (front * smoothstep((at - 0.45) / 0.5))[:, None]
     points += share * (on_cheek - points)
-    tragus = bump(across, along, (-9.5, -3.5), (2.4, 4.0))
+    tragus = compute_bump(across, along, (-9.5, -3.5), (2.4, 4.0))
     return np.asarray(points + np.outer(tragus, [2.4, 0.0, -1.6]))

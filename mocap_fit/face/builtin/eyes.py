@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_fit.face.builtin.flesh import skin_at
+from mocap_fit.face.builtin.flesh import locate_skin
 from mocap_fit.face.builtin.surfaces import (
     Colour,
     Piece,
-    grid_triangles,
-    joined,
-    painted,
+    join_pieces,
+    paint_piece,
     smoothstep,
-    strip_triangles,
+    triangulate_grid,
+    triangulate_strip,
 )
 from mocap_fit.tracks import FloatArray
 
@@ -37,8 +37,19 @@ _LIGHT: Colour = (1.0, 1.0, 1.0)
 _LASH: Colour = (0.10, 0.07, 0.06)
 
 
-def lid_margin(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The lids' edge about the eye's centre; angle 0 at the outer corner, π/2 above."""
+def trace_lid_margin(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the edge of the left lids about the eye's centre.
+
+    Parameters
+    ----------
+    angle
+        Angles round the eye, ``(points,)``, radians: 0 at the outer corner, π/2 above.
+
+    Returns
+    -------
+    x, y
+        From the eye's centre, ``(points,)`` each, millimetres.
+    """
     cosine, sine = np.cos(angle), np.sin(angle)
     x = np.where(cosine > 0, 14.2, 15.2) * cosine
     upper = 4.7 * (1 - np.clip(np.abs((x + 1.5) / np.where(x > -1.5, 15.9, 13.9)), 0, 1) ** 2.1)
@@ -47,31 +58,39 @@ def lid_margin(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
     return x, y
 
 
-def lid_rings() -> list[FloatArray]:
-    """Rings of the left eye's lids, each `(LID_POINTS, 3)`, from behind the lid to the socket."""
+def build_lid_rings() -> list[FloatArray]:
+    """Build the rings of the left lids, from behind the lid to the eye socket.
+
+    Returns
+    -------
+    list of ndarray
+        Rings ``(LID_POINTS, 3)``, millimetres.
+    """
     angle = 2 * np.pi * np.arange(LID_POINTS) / LID_POINTS
     cosine, sine = np.cos(angle), np.sin(angle)
-    x, y = lid_margin(angle)
+    x, y = trace_lid_margin(angle)
     upper = sine > 1e-9
 
-    def on_ball(across: FloatArray, up: FloatArray, above: float) -> FloatArray:
+    def project_on_ball(across: FloatArray, up: FloatArray, above: float) -> FloatArray:
         inside = 1 - (across / 17.6) ** 2 - (up / 14.5) ** 2
         return (RADIUS + above) * np.sqrt(np.clip(inside, 0.02, 1))
 
-    def ring(across: FloatArray, up: FloatArray, forward: FloatArray) -> FloatArray:
+    def place_ring(across: FloatArray, up: FloatArray, forward: FloatArray) -> FloatArray:
         return CENTRE + np.stack([across, up, forward], axis=1)
 
     rings = [
-        ring(x * 0.97, y * 0.94, on_ball(x, y, 1.3) - 3.0),
-        ring(x, y, on_ball(x, y, 0.5)),
-        ring(x * 1.01, y + 0.25 * sine, on_ball(x, y, 1.6)),
+        place_ring(x * 0.97, y * 0.94, project_on_ball(x, y, 1.3) - 3.0),
+        place_ring(x, y, project_on_ball(x, y, 0.5)),
+        place_ring(x * 1.01, y + 0.25 * sine, project_on_ball(x, y, 1.6)),
     ]
     for distance, share in ((1.2, 0.06), (2.8, 0.22), (5.2, 0.55), (8.6, 1.0)):
         reach = np.where(cosine < 0, 0.72, 1.0 if distance < 6 else 0.9)
         across = x + distance * cosine * reach
         up = y + distance * sine * np.where(upper, 1.15, 1.0)
-        lid = ring(across, up, np.maximum(on_ball(across, up, 1.7), 2.0))
-        points = lid * (1 - share) + skin_at(CENTRE[:2] + np.stack([across, up], axis=1)) * share
+        lid = place_ring(across, up, np.maximum(project_on_ball(across, up, 1.7), 2.0))
+        points = (
+            lid * (1 - share) + locate_skin(CENTRE[:2] + np.stack([across, up], axis=1)) * share
+        )
         if distance == 2.8:  # the crease of the upper lid
             points[:, 2] -= np.where(upper, 1.5 * sine, 0.2)
         if distance == 5.2:
@@ -80,41 +99,52 @@ def lid_rings() -> list[FloatArray]:
     return rings
 
 
-def eyeball() -> Piece:
-    """The left eye: white, iris with a dark rim, pupil, and the light of a window above in it.
+def build_eyeball() -> Piece:
+    """Build the left eye: white, iris with a dark rim, pupil, and the light of a window.
 
     The light is straight above the pupil, so that the two eyes mirror each other.
+
+    Returns
+    -------
+    Piece
+        The white and the discs before it.
     """
     layers = [
-        _disc(_IRIS_RADIUS, _IRIS_RADIUS - 0.55, 2, 0.06, [_LIMBUS, _LIMBUS]),
-        _disc(
+        _build_disc(_IRIS_RADIUS, _IRIS_RADIUS - 0.55, 2, 0.06, [_LIMBUS, _LIMBUS]),
+        _build_disc(
             _IRIS_RADIUS - 0.5, 2.3, 4, 0.10, [_IRIS_OUTER, _IRIS_OUTER, _IRIS_INNER, _IRIS_OUTER]
         ),
-        _disc(2.45, 0.05, 3, 0.16, [_PUPIL] * 3),
-        _disc(0.95, 0.05, 2, 0.34, [_LIGHT] * 2, (0.0, 2.7)),
+        _build_disc(2.45, 0.05, 3, 0.16, [_PUPIL] * 3),
+        _build_disc(0.95, 0.05, 2, 0.34, [_LIGHT] * 2, (0.0, 2.7)),
     ]
-    return joined([_white(), *layers])
+    return join_pieces([_build_white(), *layers])
 
 
-def lashes() -> Piece:
-    """The left upper lashes: a thin dark fringe on the edge of the lid."""
-    margin = lid_rings()[_MARGIN_RING][1 : LID_POINTS // 2][::-1]
+def build_lashes() -> Piece:
+    """Build the left upper lashes: a thin dark fringe on the edge of the lid.
+
+    Returns
+    -------
+    Piece
+        Three rows of vertices, from the lid to the tips.
+    """
+    margin = build_lid_rings()[_MARGIN_RING][1 : LID_POINTS // 2][::-1]
     share = np.linspace(0, 1, len(margin))
     length = 2.6 * np.sin(np.pi * (0.12 + 0.80 * share)) * (0.45 + 0.55 * share)
     fan = np.stack([0.9 * (share - 0.42), 0.25 + 0 * share, 0.8 + 0 * share], axis=1)
     tip = margin + length[:, None] * fan
     middle = 0.5 * (margin + tip) - np.array([0.0, 0.35, 0.0])
     rows = np.concatenate([margin + np.array([0.0, -0.25, 0.05]), middle, tip])
-    return painted(rows, grid_triangles(3, len(margin))[:, ::-1], _LASH)
+    return paint_piece(rows, triangulate_grid(3, len(margin))[:, ::-1], _LASH)
 
 
-def _white() -> Piece:
+def _build_white() -> Piece:
     angle = 2 * np.pi * np.arange(LID_POINTS) / LID_POINTS
-    x, y = lid_margin(angle)
+    x, y = trace_lid_margin(angle)
     share = np.linspace(1.06, 0.02, 8)[:, None]
     across, up = x * share, y * share * (1 + 0.12 * share)
-    rings = np.stack([across, up, _depth(across, up) - 0.05], axis=2)
-    piece = _rings_piece(rings, [_WHITE] * 8)
+    rings = np.stack([across, up, _compute_depth(across, up) - 0.05], axis=2)
+    piece = _join_rings(rings, [_WHITE] * 8)
     # The lid shades the ball, and the corners are a little red.
     shade = 1 - 0.30 * smoothstep((rings[..., 1] - 0.5) / 5).ravel()
     red = smoothstep((np.abs(rings[..., 0]) - 8) / 7).ravel()[:, None]
@@ -125,12 +155,12 @@ def _white() -> Piece:
     )
 
 
-def _depth(across: FloatArray, up: FloatArray) -> FloatArray:
+def _compute_depth(across: FloatArray, up: FloatArray) -> FloatArray:
     inside = 1 - (across / _AXES[0]) ** 2 - (up / _AXES[1]) ** 2
     return np.asarray(_AXES[2] * np.sqrt(np.clip(inside, 0, 1)))
 
 
-def _disc(
+def _build_disc(
     outer: float,
     inner: float,
     rings: int,
@@ -138,26 +168,26 @@ def _disc(
     colours: list[Colour],
     centre: tuple[float, float] = (0.0, 0.0),
 ) -> Piece:
-    """Rings of the iris or pupil on the bulge of the cornea."""
+    """Build rings of the iris or pupil on the bulge of the cornea."""
     around = 2 * np.pi * np.arange(_IRIS_POINTS) / _IRIS_POINTS
     radius = np.linspace(outer, inner, rings)[:, None]
     across = centre[0] + radius * np.cos(around)
     up = centre[1] + radius * np.sin(around)
     bulge = 0.5 * np.clip(1 - (across**2 + up**2) / _IRIS_RADIUS**2, 0, 1)
     rise = up + _GAZE_RISE
-    points = np.stack([across, rise, _depth(across, rise) + bulge + above], axis=2)
-    piece = _rings_piece(points, colours)
+    points = np.stack([across, rise, _compute_depth(across, rise) + bulge + above], axis=2)
+    piece = _join_rings(points, colours)
     # Fibres of the iris.
     fibres = 1 + 0.10 * np.tile(np.cos(13 * around) + np.cos(5 * around + 1), rings)
     with_fibres = np.clip(piece.colours * fibres[:, None], 0, 1)
     return Piece(piece.vertices, piece.triangles, with_fibres)
 
 
-def _rings_piece(rings: FloatArray, colours: list[Colour]) -> Piece:
-    """Rings about the eye's centre, counter-clockwise, from the outermost, as a piece."""
+def _join_rings(rings: FloatArray, colours: list[Colour]) -> Piece:
+    """Join rings about the eye's centre, counter-clockwise, from the outermost, to a piece."""
     count, points = rings.shape[:2]
     index = np.arange(count * points).reshape(count, points)
-    triangles = [strip_triangles(index[i], index[i + 1]) for i in range(count - 1)]
+    triangles = [triangulate_strip(index[i], index[i + 1]) for i in range(count - 1)]
     return Piece(
         CENTRE + rings.reshape(-1, 3),
         np.concatenate(triangles),

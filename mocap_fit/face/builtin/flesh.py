@@ -5,8 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_fit.face.builtin import skull
-from mocap_fit.face.builtin.nose import nose_relief, tuck
-from mocap_fit.face.builtin.surfaces import bump, distance_to_path, hill, smoothstep
+from mocap_fit.face.builtin.nose import compute_nose_relief, compute_tuck
+from mocap_fit.face.builtin.surfaces import (
+    compute_bump,
+    compute_hill,
+    measure_path_distance,
+    smoothstep,
+)
 from mocap_fit.tracks import FloatArray
 
 # Hills and hollows along the radius: height (mm), centre (x, y), widths, turn.
@@ -40,36 +45,66 @@ _JAW_EDGE = [(6.0, -48.0), (36.0, -38.0), (62.0, -22.0), (84.0, -6.0), (96.0, 24
 _NECK_MUSCLE = [(125.0, 5.0), (84.0, -50.0), (20.0, -122.0)]
 
 
-def skin(azimuth: FloatArray, level: FloatArray) -> FloatArray:
-    """Points of the skin of the left half, `(points, 3)`, mm."""
-    points = skull.loft(azimuth, level)
+def shape_skin(azimuth: FloatArray, level: FloatArray) -> FloatArray:
+    """Shape the skin of the left half of the head.
+
+    Parameters
+    ----------
+    azimuth
+        Azimuths on the bare head, ``(points,)``, radians, 0 (front) to π.
+    level
+        Levels on the bare head, ``(points,)``, millimetres along its surface.
+
+    Returns
+    -------
+    ndarray
+        Points of the skin, ``(points, 3)``, millimetres.
+    """
+    points = skull.compute_loft(azimuth, level)
     x, y = points[:, 0], points[:, 1]
     front = smoothstep((np.cos(azimuth) + 0.15) / 0.5)
-    outwards = sum(h * bump(x, y, c, w, t) for h, c, w, t in _RADIAL) + _nasolabial_fold(x, y)
-    forwards = sum(h * bump(x, y, c, w, t) for h, c, w, t in _FORWARD) + nose_relief(x, y)
+    outwards = sum(
+        h * compute_bump(x, y, c, w, t) for h, c, w, t in _RADIAL
+    ) + _shape_nasolabial_fold(x, y)
+    forwards = sum(
+        h * compute_bump(x, y, c, w, t) for h, c, w, t in _FORWARD
+    ) + compute_nose_relief(x, y)
     points[:, 0] += outwards * front * np.sin(0.9 * azimuth)
-    points[:, 1] += tuck(x, y) * front
+    points[:, 1] += compute_tuck(x, y) * front
     points[:, 2] += (outwards * np.cos(0.9 * azimuth) + forwards) * front
     # The muscle that runs down from behind the ear turns the neck from a tube into a neck.
-    distance, _, position = distance_to_path(60 * azimuth, y, _NECK_MUSCLE)
-    beside = 2.6 * hill(distance, 0, 8.0) * smoothstep(position / 0.25)
+    distance, _, position = measure_path_distance(60 * azimuth, y, _NECK_MUSCLE)
+    beside = 2.6 * compute_hill(distance, 0, 8.0) * smoothstep(position / 0.25)
     # The edge of the jaw, and the hollow under it.
-    distance, above, position = distance_to_path(60 * azimuth, y, _JAW_EDGE)
+    distance, above, position = measure_path_distance(60 * azimuth, y, _JAW_EDGE)
     height = distance * above
     fade = np.sin(np.pi * np.clip(position, 0, 1)) ** 0.7
-    beside += fade * (1.7 * hill(height, 2.0, 6.5) - 2.2 * hill(height, -11.0, 7.0))
+    beside += fade * (1.7 * compute_hill(height, 2.0, 6.5) - 2.2 * compute_hill(height, -11.0, 7.0))
     points[:, 0] += beside * np.sin(azimuth)
     points[:, 2] += beside * np.cos(azimuth)
     return points
 
 
-def skin_at(seen: FloatArray, axes: tuple[int, int] = (0, 1)) -> FloatArray:
-    """Points of the skin over places of the bare head that are seen at `seen`, `(points, 2)`."""
-    return skin(*skull.locate(seen, axes))
+def locate_skin(seen: FloatArray, axes: tuple[int, int] = (0, 1)) -> FloatArray:
+    """Locate the points of the skin over points of the bare head that are seen from one side.
+
+    Parameters
+    ----------
+    seen
+        Where the points of the bare head are seen, ``(points, 2)``, millimetres.
+    axes
+        ``(0, 1)``: x and y, seen from the front. ``(2, 1)``: z and y, seen from the speaker's left.
+
+    Returns
+    -------
+    ndarray
+        Points of the skin, ``(points, 3)``, millimetres.
+    """
+    return shape_skin(*skull.locate(seen, axes))
 
 
-def _nasolabial_fold(x: FloatArray, y: FloatArray) -> FloatArray:
-    distance, side, position = distance_to_path(x, y, _NASOLABIAL_FOLD)
+def _shape_nasolabial_fold(x: FloatArray, y: FloatArray) -> FloatArray:
+    distance, side, position = measure_path_distance(x, y, _NASOLABIAL_FOLD)
     fade = np.sin(np.pi * np.clip(position, 0.02, 1.0)) ** 0.6
-    cheek = np.where(side > 0, 1.3 * distance / 5 * hill(distance, 0, 6.5), 0.0)
-    return np.asarray(fade * (cheek - 1.1 * hill(distance, 0, 2.6)))
+    cheek = np.where(side > 0, 1.3 * distance / 5 * compute_hill(distance, 0, 6.5), 0.0)
+    return np.asarray(fade * (cheek - 1.1 * compute_hill(distance, 0, 2.6)))

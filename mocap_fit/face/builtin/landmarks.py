@@ -60,11 +60,22 @@ _MIDDLE_POINTS = [("9.12", 51.5), ("11.1", 124.0)]
 _SPACE_POINTS = [("2.13", "2.14", (54.0, -6.0, 22.0))]
 
 
-def feature_points(skin: Skin) -> dict[str, int]:
-    """Feature points that lie on the skin → vertex index."""
+def find_feature_points(skin: Skin) -> dict[str, int]:
+    """Find the feature points that lie on the skin.
+
+    Parameters
+    ----------
+    skin
+        The skin of the built-in head.
+
+    Returns
+    -------
+    dict
+        Feature point → vertex index.
+    """
     points: dict[str, int] = {}
 
-    def both(left: str, right: str, vertex: int) -> None:
+    def add_pair(left: str, right: str, vertex: int) -> None:
         points[left] = int(vertex)
         points[right] = int(skin.mirror[vertex])
 
@@ -74,55 +85,68 @@ def feature_points(skin: Skin) -> dict[str, int]:
     points["8.1"], points["8.2"] = int(border[-1]), int(border[0])
     for ring, table in ((contact, _CONTACT_POINTS), (border, _BORDER_POINTS)):
         for left, right, position in table:
-            both(left, right, ring[position])
+            add_pair(left, right, ring[position])
     for left, right, vertex, ring_number in _LID_POINTS:
-        both(left, right, skin.eye[ring_number][vertex])
+        add_pair(left, right, skin.eye[ring_number][vertex])
     for left, right, seen in _FRONT_POINTS:
-        both(left, right, _nearest(skin, np.array([*seen, 0.0]), np.array([1.0, 1.0, 0.0])))
-    for left, right, place in _SPACE_POINTS:
-        both(left, right, _nearest(skin, np.array(place), np.ones(3)))
-    points.update(_middle_points(skin))
+        add_pair(
+            left, right, _find_nearest(skin, np.array([*seen, 0.0]), np.array([1.0, 1.0, 0.0]))
+        )
+    for left, right, location in _SPACE_POINTS:
+        add_pair(left, right, _find_nearest(skin, np.array(location), np.ones(3)))
+    points.update(_find_middle_points(skin))
     ear = skin.ear[4]
-    both("10.1", "10.2", ear[skin.vertices[ear, 1].argmax()])
-    both("10.3", "10.4", ear[skin.vertices[ear, 2].argmin()])
-    both("10.5", "10.6", ear[skin.vertices[ear, 1].argmin()])
+    add_pair("10.1", "10.2", ear[skin.vertices[ear, 1].argmax()])
+    add_pair("10.3", "10.4", ear[skin.vertices[ear, 2].argmin()])
+    add_pair("10.5", "10.6", ear[skin.vertices[ear, 1].argmin()])
     base = skin.ear[0]
-    both("10.7", "10.8", base[22])
-    both("10.9", "10.10", base[11])
+    add_pair("10.7", "10.8", base[22])
+    add_pair("10.9", "10.10", base[11])
     return points
 
 
-def _middle_points(skin: Skin) -> dict[str, int]:
-    """Points in the middle of the face."""
+def _find_middle_points(skin: Skin) -> dict[str, int]:
+    """Find the points in the middle of the face."""
     middle = np.flatnonzero((skin.vertices[:, 0] == 0) & (skin.kinds == "fill"))
     y, z = skin.vertices[middle, 1], skin.vertices[middle, 2]
 
-    def extreme(score: FloatArray, where: Mask) -> int:
+    def find_extreme(score: FloatArray, where: Mask) -> int:
         return int(middle[np.where(where, score, -np.inf).argmax()])
 
     front = z > 40
     chin = front & (y < -20) & (y > -60)
     points = {
-        "2.1": extreme(z - 1.6 * y, chin),  # where the chin turns under
-        "2.10": extreme(z, chin),
-        "9.3": extreme(z, front & (y > 15) & (y < 50)),
-        "9.15": extreme(-z, front & (y > 16) & (y < 24)),
-        "11.4": extreme(y, y > 0),
-        "11.6": extreme(-z, y > 0),
+        "2.1": find_extreme(z - 1.6 * y, chin),  # where the chin turns under
+        "2.10": find_extreme(z, chin),
+        "9.3": find_extreme(z, front & (y > 15) & (y < 50)),
+        "9.15": find_extreme(-z, front & (y > 16) & (y < 24)),
+        "11.4": find_extreme(y, y > 0),
+        "11.6": find_extreme(-z, y > 0),
     }
     for name, height in _MIDDLE_POINTS:
-        points[name] = extreme(-np.abs(y - height), front)
+        points[name] = find_extreme(-np.abs(y - height), front)
     return points
 
 
-def _nearest(skin: Skin, place: FloatArray, axes: FloatArray) -> int:
-    distance = (skin.vertices - place) ** 2 @ axes
+def _find_nearest(skin: Skin, position: FloatArray, axes: FloatArray) -> int:
+    distance = (skin.vertices - position) ** 2 @ axes
     left_fill = (skin.kinds == "fill") & (skin.vertices[:, 0] >= 0) & (skin.vertices[:, 2] > 0)
     return int(np.where(left_fill, distance, np.inf).argmin())
 
 
-def tongue_points(piece: Piece) -> dict[str, int]:
-    """Feature points of the tongue → vertex index within it."""
+def find_tongue_points(piece: Piece) -> dict[str, int]:
+    """Find the feature points of the tongue.
+
+    Parameters
+    ----------
+    piece
+        The tongue.
+
+    Returns
+    -------
+    dict
+        Feature point → vertex index within the piece.
+    """
     columns = np.arange(TONGUE_COLUMNS)
     tip = TONGUE_ROWS * TONGUE_COLUMNS
     row = TONGUE_ROWS // 2
@@ -137,8 +161,21 @@ def tongue_points(piece: Piece) -> dict[str, int]:
     }
 
 
-def teeth_points(piece: Piece, *, upper: bool) -> dict[str, int]:
-    """Edge and neck of the front teeth → vertex index within their piece."""
+def find_teeth_points(piece: Piece, *, upper: bool) -> dict[str, int]:
+    """Find the edge and the neck of the front teeth.
+
+    Parameters
+    ----------
+    piece
+        A row of teeth.
+    upper
+        Whether it is the upper row.
+
+    Returns
+    -------
+    dict
+        Feature point → vertex index within the piece.
+    """
     front = np.flatnonzero(np.abs(piece.vertices[:, 0]) < 6)
     y = piece.vertices[front, 1]
     highest, lowest = int(front[y.argmax()]), int(front[y.argmin()])
@@ -147,8 +184,19 @@ def teeth_points(piece: Piece, *, upper: bool) -> dict[str, int]:
     return {"9.9": lowest, "9.11": highest}
 
 
-def pupil_point(piece: Piece) -> int:
-    """Centre of the left or right pupil → vertex index within the eye."""
+def find_pupil(piece: Piece) -> int:
+    """Find the centre of a pupil.
+
+    Parameters
+    ----------
+    piece
+        The left or the right eye.
+
+    Returns
+    -------
+    int
+        Vertex index within the piece.
+    """
     centre = eyes.CENTRE if piece.vertices[:, 0].mean() > 0 else eyes.CENTRE * MIRROR
     aside = np.hypot(*(piece.vertices[:, :2] - centre[:2]).T)
     return int(aside.argmin())

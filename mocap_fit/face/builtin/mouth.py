@@ -13,8 +13,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from mocap_fit.face.builtin.flesh import skin_at
-from mocap_fit.face.builtin.surfaces import hill
+from mocap_fit.face.builtin.flesh import locate_skin
+from mocap_fit.face.builtin.surfaces import compute_hill
 from mocap_fit.tracks import FloatArray
 
 HALF_RING = 21
@@ -39,7 +39,7 @@ class Ring:
     kind
         ``bag``, ``inner_lip``, ``contact``, ``vermilion``, ``border`` or ``skin``.
     points
-        `(HALF_RING, 3)`, mm, from the middle below to the middle above.
+        From the middle below to the middle above, ``(HALF_RING, 3)``, millimetres.
     """
 
     kind: str
@@ -47,19 +47,36 @@ class Ring:
 
 
 @lru_cache(maxsize=1)
-def _contact_depths() -> tuple[FloatArray, FloatArray]:
+def _measure_contact_depths() -> tuple[FloatArray, FloatArray]:
     across = np.array([0.0, 5, 10, 15, 20, HALF_WIDTH])
     behind = np.array([0.9, 0.9, 0.9, 0.9, 1.2, 2.2])
-    return across, skin_at(np.stack([across, np.zeros(6)], axis=1))[:, 2] - behind
+    return across, locate_skin(np.stack([across, np.zeros(6)], axis=1))[:, 2] - behind
 
 
-def contact_depth(x: FloatArray) -> FloatArray:
-    """Depth z of the line where the lips meet."""
-    return np.asarray(np.interp(np.abs(x), *_contact_depths()))
+def compute_contact_depth(x: FloatArray) -> FloatArray:
+    """Return the depth of the line where the lips meet.
+
+    Parameters
+    ----------
+    x
+        Positions across the face, ``(points,)``, millimetres.
+
+    Returns
+    -------
+    ndarray
+        z, ``(points,)``, millimetres.
+    """
+    return np.asarray(np.interp(np.abs(x), *_measure_contact_depths()))
 
 
-def mouth_rings() -> list[Ring]:
-    """The left halves of all rings, from the deepest to the outermost."""
+def build_mouth_rings() -> list[Ring]:
+    """Build the left halves of all rings round the mouth.
+
+    Returns
+    -------
+    list of Ring
+        From the deepest to the outermost.
+    """
     angle = np.pi * (np.arange(HALF_RING) - CORNER) / (2 * CORNER)
     side = np.sign(np.round(np.sin(angle), 12))
     # A little denser towards the corners.
@@ -76,18 +93,18 @@ def mouth_rings() -> list[Ring]:
     border_y[CORNER] = contact_y[CORNER]
     corner_share = np.clip(shape_x / 25, 0.0, 1.0)
     fullness = np.sqrt(1 - corner_share**2)
-    border = skin_at(np.stack([x, border_y], axis=1))
-    contact = np.stack([x, contact_y + side * CONTACT_HALF_GAP, contact_depth(x)], axis=1)
+    border = locate_skin(np.stack([x, border_y], axis=1))
+    contact = np.stack([x, contact_y + side * CONTACT_HALF_GAP, compute_contact_depth(x)], axis=1)
     return [
-        *_inside(contact, side, fullness, corner_share),
+        *_build_inner_rings(contact, side, fullness, corner_share),
         Ring("contact", contact),
-        *_lips(border, contact, side, fullness),
+        *_build_lip_rings(border, contact, side, fullness),
         Ring("border", border + np.outer(0.55 * fullness, [0.0, 0.0, 1.0])),
-        *_around(border),
+        *_build_outer_rings(border),
     ]
 
 
-def _inside(
+def _build_inner_rings(
     contact: FloatArray, side: FloatArray, fullness: FloatArray, corner_share: FloatArray
 ) -> list[Ring]:
     x, y, z = contact.T
@@ -110,35 +127,35 @@ def _inside(
     ]
 
 
-def _lips(
+def _build_lip_rings(
     border: FloatArray, contact: FloatArray, side: FloatArray, fullness: FloatArray
 ) -> list[Ring]:
-    """The red of the lips, bulging forwards between the contact line and the border."""
+    """Build the red of the lips, bulging forwards between the contact line and the border."""
     x = border[:, 0]
     upper = side > 0
     rings = []
     for share in (0.90, 0.70, 0.45, 0.22):
         points = border * (1 - share) + contact * share
         forwards = np.sin(np.pi * share**0.85) ** 0.9
-        pads = np.where(upper, 0.7 * hill(x, 0, 3.5), 0.45 * hill(x, 6, 4))
+        pads = np.where(upper, 0.7 * compute_hill(x, 0, 3.5), 0.45 * compute_hill(x, 6, 4))
         points[:, 1] += side * 0.9 * fullness * np.sin(np.pi * share) * np.where(upper, 0.5, 1.0)
         points[:, 2] += (np.where(upper, 2.5, 3.6) * fullness**1.2 + pads) * forwards
         rings.append(Ring("vermilion", points))
     return rings
 
 
-def _around(border: FloatArray) -> list[Ring]:
-    """Rings of skin at growing distances from the border of the lips."""
+def _build_outer_rings(border: FloatArray) -> list[Ring]:
+    """Build the rings of skin at growing distances from the border of the lips."""
     outline = border[:, :2]
     mirrored = outline * [-1, 1]
-    whole = np.concatenate([mirrored[1:2], outline, mirrored[-2:-1]])
-    tangent = whole[2:] - whole[:-2]
-    normal = _unit(np.stack([tangent[:, 1], -tangent[:, 0]], axis=1))
+    closed = np.concatenate([mirrored[1:2], outline, mirrored[-2:-1]])
+    tangent = closed[2:] - closed[:-2]
+    normal = _normalise(np.stack([tangent[:, 1], -tangent[:, 0]], axis=1))
     beyond = np.concatenate([normal[1:2] * [-1, 1], normal, normal[-2:-1] * [-1, 1]])
-    normal = _unit(0.5 * normal + 0.25 * (beyond[:-2] + beyond[2:]))
+    normal = _normalise(0.5 * normal + 0.25 * (beyond[:-2] + beyond[2:]))
     normal[[0, -1], 0] = 0.0
-    return [Ring("skin", skin_at(outline + normal * distance)) for distance in (2.2, 5.2, 9.0)]
+    return [Ring("skin", locate_skin(outline + normal * distance)) for distance in (2.2, 5.2, 9.0)]
 
 
-def _unit(vectors: FloatArray) -> FloatArray:
+def _normalise(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))

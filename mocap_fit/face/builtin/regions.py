@@ -6,7 +6,13 @@ import numpy as np
 
 from mocap_fit.face.builtin import brows, mouth, skull
 from mocap_fit.face.builtin.skin import Skin
-from mocap_fit.face.builtin.surfaces import Colour, Mask, bump, distance_to_path, smoothstep
+from mocap_fit.face.builtin.surfaces import (
+    Colour,
+    Mask,
+    compute_bump,
+    measure_path_distance,
+    smoothstep,
+)
 from mocap_fit.face.mesh import IndexArray
 from mocap_fit.tracks import FloatArray
 
@@ -41,11 +47,22 @@ _THROAT: Colour = (0.20, 0.05, 0.06)
 _NOSTRIL: Colour = (0.27, 0.12, 0.10)
 
 
-def skin_regions(skin: Skin) -> dict[str, IndexArray]:
-    """Named vertex sets that cover the skin; left and right are the speaker's."""
+def find_skin_regions(skin: Skin) -> dict[str, IndexArray]:
+    """Find named vertex sets that cover the skin; left and right are the speaker's.
+
+    Parameters
+    ----------
+    skin
+        The skin of the built-in head.
+
+    Returns
+    -------
+    dict
+        Region → vertex indices.
+    """
     left = skin.vertices[:, 0] >= 0
-    regions = _mouth_regions(skin)
-    for name, mask in _outer_regions(skin).items():
+    regions = _find_mouth_regions(skin)
+    for name, mask in _find_outer_regions(skin).items():
         if name in SIDED:
             stem, _, rest = name.partition("_")
             for side, on_side in (("left", left), ("right", ~left)):
@@ -56,12 +73,13 @@ def skin_regions(skin: Skin) -> dict[str, IndexArray]:
     return regions
 
 
-def _both(skin: Skin, half: IndexArray) -> IndexArray:
+def _add_mirrored(skin: Skin, half: IndexArray) -> IndexArray:
+    """Add the mirror images of vertices of the left half."""
     return np.unique(np.concatenate([half, skin.mirror[half]]))
 
 
-def _mouth_regions(skin: Skin) -> dict[str, IndexArray]:
-    """Lips, the bag behind them and the two contours; corners are upper and lower."""
+def _find_mouth_regions(skin: Skin) -> dict[str, IndexArray]:
+    """Find the lips, the bag behind them and the two contours; corners are upper and lower."""
     groups: dict[str, list[IndexArray]] = {}
     *rings, deepest = skin.mouth
     for ring in rings:
@@ -78,16 +96,16 @@ def _mouth_regions(skin: Skin) -> dict[str, IndexArray]:
             groups["outer_lip_contour"] = [ring]
     for name in ("mouth_bag_upper", "mouth_bag_lower"):
         groups[name].append(deepest)
-    return {name: _both(skin, np.concatenate(rings)) for name, rings in groups.items()}
+    return {name: _add_mirrored(skin, np.concatenate(rings)) for name, rings in groups.items()}
 
 
-def _outer_regions(skin: Skin) -> dict[str, Mask]:
-    """The skin outside the mouth, each vertex in one region, sides together."""
+def _find_outer_regions(skin: Skin) -> dict[str, Mask]:
+    """Find the skin outside the mouth, each vertex in one region, sides together."""
     x, y, z = np.abs(skin.vertices[:, 0]), skin.vertices[:, 1], skin.vertices[:, 2]
     azimuth = np.abs(skin.azimuths)
-    brow_path = [tuple(point) for point in brows.brow_path(np.linspace(0, 1, 12)).tolist()]
+    brow_path = [tuple(point) for point in brows.trace_brow(np.linspace(0, 1, 12)).tolist()]
     jaw_height = np.interp(x, *np.transpose(_JAW_LINE))
-    jaw_edge = skull.section_level(4)
+    jaw_edge = skull.get_section_level(4)
     nose_width = np.interp(y, [15, 22, 30, 45, 66, 82], [10, 15, 17, 16, 11, 10])
     in_front = z > 60
     # The first that holds counts.
@@ -95,7 +113,7 @@ def _outer_regions(skin: Skin) -> dict[str, Mask]:
         "ear": skin.kinds == "ear",
         "eyelids": skin.kinds == "eyelid",
         "nose": (skin.kinds == "nostril") | (in_front & (y > 19) & (y < 76) & (x < nose_width)),
-        "brow_skin": in_front & (distance_to_path(x, y, brow_path)[0] < 6.5),
+        "brow_skin": in_front & (measure_path_distance(x, y, brow_path)[0] < 6.5),
         "neck": (skin.levels < jaw_edge - 9) | ((skin.levels < jaw_edge + 25) & (azimuth > 2.0)),
         "forehead": (y > 74) & (azimuth < 1.15) & (y < 124 - 20 * azimuth**2),
         "scalp": (y > 70) | (azimuth > 1.75),
@@ -113,19 +131,30 @@ def _outer_regions(skin: Skin) -> dict[str, Mask]:
     return regions
 
 
-def skin_colours(skin: Skin) -> FloatArray:
-    """`(vertices, 3)`, red, green and blue in [0, 1]."""
+def paint_skin(skin: Skin) -> FloatArray:
+    """Choose the colours of the skin.
+
+    Parameters
+    ----------
+    skin
+        The skin of the built-in head.
+
+    Returns
+    -------
+    ndarray
+        Red, green and blue, ``(vertices, 3)``, 0 to 1.
+    """
     x, y, z = np.abs(skin.vertices[:, 0]), skin.vertices[:, 1], skin.vertices[:, 2]
     front = (z > 20).astype(np.float64)
     colours = np.tile(np.array(_SKIN), (len(x), 1))
 
-    def tint(share: FloatArray, colour: Colour) -> None:
+    def blend_colour(share: FloatArray, colour: Colour) -> None:
         colours[:] += np.clip(share, 0, 1)[:, None] * (np.array(colour) - colours)
 
-    tint(0.16 * bump(x, y, (37, 30), (15, 13)) * front, (0.93, 0.55, 0.50))
-    tint(0.20 * bump(x, y, (0, 28), (13, 8)) * front, (0.90, 0.53, 0.48))
-    tint(0.28 * bump(x, y, (30, 63), (15, 9)) * front, (0.78, 0.52, 0.46))
-    tint(0.55 * _hair(skin), (0.33, 0.25, 0.20))
+    blend_colour(0.16 * compute_bump(x, y, (37, 30), (15, 13)) * front, (0.93, 0.55, 0.50))
+    blend_colour(0.20 * compute_bump(x, y, (0, 28), (13, 8)) * front, (0.90, 0.53, 0.48))
+    blend_colour(0.28 * compute_bump(x, y, (30, 63), (15, 9)) * front, (0.78, 0.52, 0.46))
+    blend_colour(0.55 * _compute_hair(skin), (0.33, 0.25, 0.20))
     by_kind = {
         "bag": _THROAT,
         "inner_lip": _INNER_LIP,
@@ -137,13 +166,13 @@ def skin_colours(skin: Skin) -> FloatArray:
         colours[skin.kinds == kind] = colour
     _colour_bag(skin, colours)
     for depth, ring in enumerate(skin.nostril[1:]):
-        colours[_both(skin, ring)] = np.array(_NOSTRIL) * (0.8, 0.45, 0.25)[depth]
+        colours[_add_mirrored(skin, ring)] = np.array(_NOSTRIL) * (0.8, 0.45, 0.25)[depth]
     _colour_lids(skin, colours)
     return np.asarray(np.clip(colours, 0, 1))
 
 
 def _colour_bag(skin: Skin, colours: FloatArray) -> None:
-    """The mouth's bag: palate above, floor below, both darker towards the throat."""
+    """Colour the mouth's bag: palate above, floor below, both darker towards the throat."""
     bags = [ring for ring in skin.mouth if len(ring) > 1 and skin.kinds[ring[0]] == "bag"]
     for ring, dark in zip(bags, np.linspace(1, 0, len(bags)), strict=True):
         upper = np.arange(len(ring))[:, None] > mouth.CORNER
@@ -152,11 +181,11 @@ def _colour_bag(skin: Skin, colours: FloatArray) -> None:
         colours[skin.mirror[ring]] = shade
 
 
-def _hair(skin: Skin) -> FloatArray:
-    """Where hair would grow, 0 to 1: a close-cropped head."""
+def _compute_hair(skin: Skin) -> FloatArray:
+    """Return where hair would grow, 0 to 1: a close-cropped head."""
     on_head = np.isfinite(skin.azimuths)
     around = 70 * np.abs(skin.azimuths[on_head])
-    distance, side, _ = distance_to_path(around, skin.vertices[on_head, 1], _HAIRLINE)
+    distance, side, _ = measure_path_distance(around, skin.vertices[on_head, 1], _HAIRLINE)
     grown = np.zeros(len(on_head))
     grown[on_head] = smoothstep((distance * side + 7) / 15)
     return grown

@@ -25,23 +25,28 @@ def reshape_head(
     mouth_width: float = 1.0,
     size: float = 1.0,
 ) -> Mesh:
-    """A head of other proportions, with the same triangles, parts, regions and feature points.
+    """Reshape a head to other proportions by smooth warps.
 
-    The warps are smooth and apply to every part, so teeth stay behind lips and lips stay closed;
-    a mirror-symmetric head stays so.
+    The warps apply to every part, so teeth stay behind lips and lips stay closed; a
+    mirror-symmetric head stays so.
 
     Parameters
     ----------
     mesh
         A head with the feature points 9.15 (base of the nose), 8.3 and 8.4 (corners of the mouth).
     width, height, depth
-        Factors for the whole head along x, y and z, about the origin.
+        Scale factor for the complete head along x, y or z, about the origin, 0.5 to 2.
     lower_face
-        Factor for lengths below the nose.
+        Scale factor for lengths below the nose, 0.5 to 2.
     mouth_width
-        Factor for x about the mouth, fading out around it.
+        Scale factor for x about the mouth, fading out around it, 0.5 to 2.
     size
-        Factor for everything.
+        Scale factor for everything, 0.5 to 2.
+
+    Returns
+    -------
+    Mesh
+        With the same triangles, parts, regions and feature points.
 
     Raises
     ------
@@ -64,18 +69,18 @@ def reshape_head(
             )
     vertices = mesh.vertices.copy()
     corners = mesh.vertices[[mesh.get_feature_point("8.3"), mesh.get_feature_point("8.4")]]
-    vertices[:, 0] *= 1 + (mouth_width - 1) * _near_mouth(vertices, corners.mean(axis=0))
+    vertices[:, 0] *= 1 + (mouth_width - 1) * _weigh_by_mouth(vertices, corners.mean(axis=0))
     nose_base = mesh.vertices[mesh.get_feature_point("9.15"), 1]
-    vertices[:, 1] -= (lower_face - 1) * _below(vertices[:, 1], nose_base)
+    vertices[:, 1] -= (lower_face - 1) * _measure_below(vertices[:, 1], nose_base)
     return mesh.replace_vertices(vertices * (size * np.array([width, height, depth])))
 
 
-def _near_mouth(vertices: FloatArray, centre: FloatArray) -> FloatArray:
+def _weigh_by_mouth(vertices: FloatArray, centre: FloatArray) -> FloatArray:
     away = (vertices - centre * [0.0, 1.0, 1.0]) / _MOUTH_REACH
     return np.asarray(np.exp(-(away**2).sum(axis=1)))
 
 
-def _below(y: FloatArray, start: float) -> FloatArray:
-    """Length below a height, setting in smoothly."""
+def _measure_below(y: FloatArray, start: float) -> FloatArray:
+    """Return the length below a height, which sets in smoothly."""
     depth = np.maximum(start - y, 0.0)
     return np.asarray(np.where(depth < _ONSET, depth**2 / (2 * _ONSET), depth - _ONSET / 2))

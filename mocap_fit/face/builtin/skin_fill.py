@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
-from mocap_fit.face.builtin.surfaces import Mask, edges_of
-from mocap_fit.face.mesh import IndexArray
+from mocap_fit.face.builtin.surfaces import Mask
+from mocap_fit.face.mesh import IndexArray, list_edges
 from mocap_fit.tracks import FloatArray
 
 Spacing = Callable[[FloatArray], FloatArray]
@@ -29,33 +29,35 @@ def fill(
     Parameters
     ----------
     outline
-        `(points, 2)`, a closed ring. All its points, and those of the holes, become vertices.
+        A closed ring, ``(points, 2)``, millimetres. All its points, and those of the holes, become
+        vertices.
     holes
-        Closed rings inside it, `(points, 2)` each.
+        Closed rings inside it, ``(points, 2)`` each, millimetres.
     spacing
-        Wanted edge length at points of the plane.
+        Desired edge length, millimetres, at points ``(points, 2)`` of the plane.
 
     Returns
     -------
-    tuple
-        Vertices `(vertices, 2)`: the outline's, the holes' in order, the free ones; and
-        triangles, counter-clockwise.
+    vertices
+        ``(vertices, 2)``: the outline's, the holes' in order, the free ones.
+    triangles
+        Vertex indices, ``(triangles, 3)``, counter-clockwise.
     """
     rings = [outline, *holes]
     fixed = np.concatenate(rings)
-    free = _start(rings, fixed, spacing)
+    free = _spread_points(rings, fixed, spacing)
     for _ in range(_ROUNDS // _ROUNDS_A_TRIANGULATION):
         points = np.concatenate([fixed, free])
-        edges = edges_of(_triangulated(points, rings))
+        edges = list_edges(_triangulate(points, rings))
         for _ in range(_ROUNDS_A_TRIANGULATION):
-            points[len(fixed) :] += 0.2 * _forces(points, edges, spacing)[len(fixed) :]
-        free = _kept(points[len(fixed) :], rings, fixed, spacing, 0.55)
+            points[len(fixed) :] += 0.2 * _compute_forces(points, edges, spacing)[len(fixed) :]
+        free = _filter_points(points[len(fixed) :], rings, fixed, spacing, 0.55)
     points = np.concatenate([fixed, free])
-    return points, _triangulated(points, rings)
+    return points, _triangulate(points, rings)
 
 
-def inside(ring: FloatArray, points: FloatArray) -> Mask:
-    """Which points lie inside a closed ring, by counting crossings of a ray to the right."""
+def _is_inside(ring: FloatArray, points: FloatArray) -> Mask:
+    """Return which points lie inside a closed ring, by counting crossings of a ray to the right."""
     start, end = ring, np.roll(ring, -1, axis=0)
     x, y = points[:, :1], points[:, 1:]
     crosses = (start[:, 1] > y) != (end[:, 1] > y)
@@ -65,16 +67,16 @@ def inside(ring: FloatArray, points: FloatArray) -> Mask:
     return np.asarray((crosses & right).sum(axis=1) % 2 == 1)
 
 
-def _in_region(rings: Sequence[FloatArray], points: FloatArray) -> Mask:
-    keep = inside(rings[0], points)
+def _is_in_region(rings: Sequence[FloatArray], points: FloatArray) -> Mask:
+    keep = _is_inside(rings[0], points)
     for hole in rings[1:]:
         box = (points >= hole.min(axis=0)).all(axis=1) & (points <= hole.max(axis=0)).all(axis=1)
-        keep[box] &= ~inside(hole, points[box])
+        keep[box] &= ~_is_inside(hole, points[box])
     return keep
 
 
-def _start(rings: Sequence[FloatArray], fixed: FloatArray, spacing: Spacing) -> FloatArray:
-    """Hexagonal lattices, each used where the wanted edge length is near its own."""
+def _spread_points(rings: Sequence[FloatArray], fixed: FloatArray, spacing: Spacing) -> FloatArray:
+    """Return hexagonal lattices, each used where the desired edge length is near its spacing."""
     low, high = fixed.min(axis=0), fixed.max(axis=0)
     lengths = np.exp2(np.arange(0.0, 3.6, 0.25))
     points = []
@@ -87,7 +89,7 @@ def _start(rings: Sequence[FloatArray], fixed: FloatArray, spacing: Spacing) -> 
         wanted = spacing(lattice)
         chosen = (wanted < upper) & (wanted >= (length if length > lengths[0] else 0))
         points.append(lattice[chosen])
-    lattice = _kept(np.concatenate(points), rings, fixed, spacing, 0.7)
+    lattice = _filter_points(np.concatenate(points), rings, fixed, spacing, 0.7)
     # Where two lattices meet, points can be too close: keep the first of each pair.
     pairs = cKDTree(lattice).query_pairs(lengths[-1], output_type="ndarray")
     near = np.linalg.norm(lattice[pairs[:, 0]] - lattice[pairs[:, 1]], axis=1)
@@ -95,14 +97,14 @@ def _start(rings: Sequence[FloatArray], fixed: FloatArray, spacing: Spacing) -> 
     return np.asarray(np.delete(lattice, np.unique(pairs[close].max(axis=1)), axis=0))
 
 
-def _kept(
+def _filter_points(
     points: FloatArray,
     rings: Sequence[FloatArray],
     fixed: FloatArray,
     spacing: Spacing,
     distance: float,
 ) -> FloatArray:
-    """Points inside the region that are not too close to its border.
+    """Return the points inside the region that are not too close to its border.
 
     A point in the circle over an edge of the border would take that edge out of the triangulation.
     """
@@ -113,11 +115,11 @@ def _kept(
     centres = cKDTree(0.5 * (start + end))
     away, which = centres.query(points, k=4)
     points = points[(away > 1.02 * radius[which]).all(axis=1)]
-    return points[_in_region(rings, points)]
+    return points[_is_in_region(rings, points)]
 
 
-def _forces(points: FloatArray, edges: IndexArray, spacing: Spacing) -> FloatArray:
-    """Push of the bars that are shorter than they want to be."""
+def _compute_forces(points: FloatArray, edges: IndexArray, spacing: Spacing) -> FloatArray:
+    """Return the push of the bars that are shorter than desired."""
     bars = points[edges[:, 0]] - points[edges[:, 1]]
     length = np.linalg.norm(bars, axis=1)
     wanted = spacing(0.5 * (points[edges[:, 0]] + points[edges[:, 1]]))
@@ -130,20 +132,34 @@ def _forces(points: FloatArray, edges: IndexArray, spacing: Spacing) -> FloatArr
     return total
 
 
-def _triangulated(points: FloatArray, rings: Sequence[FloatArray]) -> IndexArray:
+def _triangulate(points: FloatArray, rings: Sequence[FloatArray]) -> IndexArray:
     triangles = Delaunay(points).simplices.astype(np.int64)
     corners = points[triangles]
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     area = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
     triangles = np.where((area > 0)[:, None], triangles, triangles[:, ::-1])
     triangles = triangles[np.abs(area) > 1e-3]
-    return np.asarray(triangles[_in_region(rings, points[triangles].mean(axis=1))])
+    return np.asarray(triangles[_is_in_region(rings, points[triangles].mean(axis=1))])
 
 
-def flipped_in_space(vertices: FloatArray, triangles: IndexArray, rounds: int = 8) -> IndexArray:
-    """Turn the edges whose opposite angles sum to more than π in space.
+def flip_edges(vertices: FloatArray, triangles: IndexArray, rounds: int = 8) -> IndexArray:
+    """Flip the edges whose opposite angles sum to more than π in space.
 
     A triangulation that is good in the plane is not on a steep surface such as the nose.
+
+    Parameters
+    ----------
+    vertices
+        Positions, ``(vertices, 3)``, millimetres.
+    triangles
+        Vertex indices, ``(triangles, 3)``.
+    rounds
+        Most rounds of flips.
+
+    Returns
+    -------
+    ndarray
+        Triangles on the same vertices, ``(triangles, 3)``.
     """
     triangles = triangles.copy()
     for _ in range(rounds):
@@ -153,7 +169,7 @@ def flipped_in_space(vertices: FloatArray, triangles: IndexArray, rounds: int = 
 
 
 def _flip_round(vertices: FloatArray, triangles: IndexArray) -> bool:
-    """Flip, in place, edges that have no triangle in common; whether there were any."""
+    """Flip, in place, edges that have no triangle in common; return whether there were any."""
     count = len(triangles)
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     apex = np.concatenate([triangles[:, 2], triangles[:, 0], triangles[:, 1]])
@@ -165,7 +181,11 @@ def _flip_round(vertices: FloatArray, triangles: IndexArray) -> bool:
     first, second = order[pair], order[pair + 1]
     start, end = edges[first].T
     above, below = apex[first], apex[second]
-    badness = _angle(vertices, above, start, end) + _angle(vertices, below, start, end) - np.pi
+    badness = (
+        _measure_angle(vertices, above, start, end)
+        + _measure_angle(vertices, below, start, end)
+        - np.pi
+    )
     new_key = np.minimum(above, below) * len(vertices) + np.maximum(above, below)
     wanted = np.flatnonzero((badness > 0.02) & (above != below) & ~np.isin(new_key, known))
     wanted = wanted[np.argsort(-badness[wanted], kind="stable")]
@@ -182,7 +202,9 @@ def _flip_round(vertices: FloatArray, triangles: IndexArray) -> bool:
     return bool(used)
 
 
-def _angle(vertices: FloatArray, at: IndexArray, one: IndexArray, other: IndexArray) -> FloatArray:
+def _measure_angle(
+    vertices: FloatArray, at: IndexArray, one: IndexArray, other: IndexArray
+) -> FloatArray:
     first, second = vertices[one] - vertices[at], vertices[other] - vertices[at]
     lengths = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
     return np.asarray(np.arccos(np.clip((first * second).sum(axis=1) / (lengths + 1e-12), -1, 1)))

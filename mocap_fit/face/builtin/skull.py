@@ -47,27 +47,59 @@ CROWN = np.array([0.0, 175.3, -8.0])
 
 
 @lru_cache(maxsize=1)
-def _sections() -> CubicSpline:
+def _interpolate_sections() -> CubicSpline:
     front, side = _SECTIONS[:, [0, 3]], _SECTIONS[:, [1, 4]]
     lengths = [np.linalg.norm(np.diff(curve, axis=0), axis=1) for curve in (front, side)]
     levels = np.concatenate([[0.0], np.cumsum(0.5 * (lengths[0] + lengths[1]))])
     return CubicSpline(levels, _SECTIONS, axis=0)
 
 
-def level_range() -> tuple[float, float]:
-    """Level of the neck's lower rim, and of the crown."""
-    knots = _sections().x
+def get_level_range() -> tuple[float, float]:
+    """Return the level of the neck's lower rim, and of the crown.
+
+    Returns
+    -------
+    low, high
+        Millimetres along the surface.
+    """
+    knots = _interpolate_sections().x
     return float(knots[0]), float(knots[-1])
 
 
-def section_level(index: int) -> float:
-    """Level of one of the modelled sections, counted from the neck up."""
-    return float(_sections().x[index])
+def get_section_level(index: int) -> float:
+    """Return the level of one of the modelled sections.
+
+    Parameters
+    ----------
+    index
+        Number of the section, counted from the neck up.
+
+    Returns
+    -------
+    float
+        Millimetres along the surface.
+    """
+    return float(_interpolate_sections().x[index])
 
 
-def loft(azimuth: FloatArray, level: FloatArray) -> FloatArray:
-    """Points of the bare head, `(points, 3)`, for azimuths from 0 to π."""
-    front_y, side_y, back_y, front_z, half_width, side_z, back_z, squareness = _sections()(level).T
+def compute_loft(azimuth: FloatArray, level: FloatArray) -> FloatArray:
+    """Compute points of the bare head.
+
+    Parameters
+    ----------
+    azimuth
+        ``(points,)``, radians, 0 (front) to π.
+    level
+        ``(points,)``, millimetres along the surface.
+
+    Returns
+    -------
+    ndarray
+        ``(points, 3)``, millimetres.
+    """
+    front_y, side_y, back_y, front_z, half_width, side_z, back_z, squareness = (
+        _interpolate_sections()(level).T
+    )
     cosine, sine = np.cos(azimuth), np.sin(azimuth)
     # Only the front half is squarer or more pointed than an ellipse.
     share = np.clip((cosine + 0.25) / 0.5, 0.0, 1.0)
@@ -87,53 +119,84 @@ def loft(azimuth: FloatArray, level: FloatArray) -> FloatArray:
     return np.stack([x, y, z], axis=-1)
 
 
-def girth(level: FloatArray) -> FloatArray:
-    """Mean radius of the section at a level: azimuth × girth is a length in mm."""
-    section = _sections()(level)
+def compute_girth(level: FloatArray) -> FloatArray:
+    """Return the mean radius of the section at a level: azimuth × girth is a length.
+
+    Parameters
+    ----------
+    level
+        ``(points,)``, millimetres along the surface.
+
+    Returns
+    -------
+    ndarray
+        ``(points,)``, millimetres.
+    """
+    section = _interpolate_sections()(level)
     return np.asarray(0.5 * (section[..., 4] + 0.5 * (section[..., 3] - section[..., 6])))
 
 
 @lru_cache(maxsize=1)
-def _front_depth() -> PchipInterpolator:
-    levels = np.linspace(*level_range(), 400)
-    middle = loft(np.zeros(400), levels)
+def _interpolate_front() -> PchipInterpolator:
+    levels = np.linspace(*get_level_range(), 400)
+    middle = compute_loft(np.zeros(400), levels)
     rising = middle[:, 1] > np.concatenate([[-np.inf], np.maximum.accumulate(middle[:-1, 1])])
     return PchipInterpolator(middle[rising, 1], middle[rising, 2])
 
 
-def midline_depth(y: FloatArray) -> FloatArray:
-    """Depth z of the bare head in the middle of the face, at heights y."""
-    return np.asarray(_front_depth()(y))
+def compute_midline_depth(y: FloatArray) -> FloatArray:
+    """Return the depth of the bare head in the middle of the face.
+
+    Parameters
+    ----------
+    y
+        Heights, ``(points,)``, millimetres.
+
+    Returns
+    -------
+    ndarray
+        z, ``(points,)``, millimetres.
+    """
+    return np.asarray(_interpolate_front()(y))
 
 
 @lru_cache(maxsize=2)
-def _view(axes: tuple[int, int]) -> tuple[cKDTree, FloatArray]:
-    """A search tree of the loft as seen from the front (x, y) or from the side (z, y)."""
+def _index_view(axes: tuple[int, int]) -> tuple[cKDTree, FloatArray]:
+    """Return a search tree of the loft as seen from the front (x, y) or from the side (z, y)."""
     span = (0.0, 85.0) if axes == (0, 1) else (25.0, 155.0)
     azimuth, level = np.meshgrid(
-        np.radians(np.linspace(*span, 131)), np.linspace(*level_range(), 400)
+        np.radians(np.linspace(*span, 131)), np.linspace(*get_level_range(), 400)
     )
     parameters = np.stack([azimuth.ravel(), level.ravel()], axis=1)
-    return cKDTree(loft(*parameters.T)[:, axes]), parameters
+    return cKDTree(compute_loft(*parameters.T)[:, axes]), parameters
 
 
 def locate(seen: FloatArray, axes: tuple[int, int] = (0, 1)) -> tuple[FloatArray, FloatArray]:
-    """Azimuth and level of loft points that are seen at given places.
+    """Find azimuth and level of points of the bare head that are seen from one side.
 
     Parameters
     ----------
     seen
-        `(points, 2)`, mm; x not negative.
+        Where they are seen, ``(points, 2)``, millimetres; x not negative.
     axes
-        `(0, 1)`: x and y, seen from the front. `(2, 1)`: z and y, seen from the speaker's left.
+        ``(0, 1)``: x and y, seen from the front. ``(2, 1)``: z and y, seen from the speaker's left.
+
+    Returns
+    -------
+    azimuth, level
+        ``(points,)`` each, radians and millimetres, by Newton's method.
     """
-    tree, parameters = _view(axes)
-    found = parameters[tree.query(seen)[1]].copy()
+    tree, parameters = _index_view(axes)
+    located = parameters[tree.query(seen)[1]].copy()
     small = np.array([1e-5, 1e-3])
     for _ in range(8):
-        here = loft(*found.T)[:, axes]
-        along_azimuth = (loft(found[:, 0] + small[0], found[:, 1])[:, axes] - here) / small[0]
-        along_level = (loft(found[:, 0], found[:, 1] + small[1])[:, axes] - here) / small[1]
+        here = compute_loft(*located.T)[:, axes]
+        along_azimuth = (
+            compute_loft(located[:, 0] + small[0], located[:, 1])[:, axes] - here
+        ) / small[0]
+        along_level = (
+            compute_loft(located[:, 0], located[:, 1] + small[1])[:, axes] - here
+        ) / small[1]
         error = seen - here
         determinant = (
             along_azimuth[:, 0] * along_level[:, 1] - along_level[:, 0] * along_azimuth[:, 1]
@@ -144,9 +207,9 @@ def locate(seen: FloatArray, axes: tuple[int, int] = (0, 1)) -> tuple[FloatArray
         step_level = (
             along_azimuth[:, 0] * error[:, 1] - error[:, 0] * along_azimuth[:, 1]
         ) / determinant
-        found[:, 0] += np.clip(step_azimuth, -0.1, 0.1)
-        found[:, 1] += np.clip(step_level, -5.0, 5.0)
-        found[:, 0] = np.clip(found[:, 0], 0.0, np.pi)
+        located[:, 0] += np.clip(step_azimuth, -0.1, 0.1)
+        located[:, 1] += np.clip(step_level, -5.0, 5.0)
+        located[:, 0] = np.clip(located[:, 0], 0.0, np.pi)
     if axes == (0, 1):
-        found[np.abs(seen[:, 0]) < 1e-9, 0] = 0.0
-    return found[:, 0], found[:, 1]
+        located[np.abs(seen[:, 0]) < 1e-9, 0] = 0.0
+    return located[:, 0], located[:, 1]

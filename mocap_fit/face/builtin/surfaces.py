@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_fit.face.mesh import IndexArray
+from mocap_fit.face.mesh import IndexArray, list_edges
 from mocap_fit.tracks import FloatArray
 
 MIRROR = np.array([-1.0, 1.0, 1.0])
@@ -23,31 +23,63 @@ class Piece:
     Parameters
     ----------
     vertices
-        `(vertices, 3)`, mm.
+        Positions, ``(vertices, 3)``, millimetres.
     triangles
-        `(triangles, 3)`, counter-clockwise seen from outside.
+        Vertex indices, ``(triangles, 3)``, counter-clockwise seen from outside.
     colours
-        `(vertices, 3)`, red, green and blue in [0, 1].
+        Red, green and blue, ``(vertices, 3)``, 0 to 1.
     """
 
     vertices: FloatArray
     triangles: IndexArray
     colours: FloatArray
 
-    def mirrored(self) -> Piece:
-        """The same piece on the other side of the face."""
+    def mirror(self) -> Piece:
+        """Return the same piece on the other side of the face.
+
+        Returns
+        -------
+        Piece
+            With x reversed.
+        """
         return Piece(self.vertices * MIRROR, self.triangles[:, ::-1], self.colours)
 
 
-def painted(vertices: FloatArray, triangles: IndexArray, colour: Colour) -> Piece:
-    """A piece of one colour."""
+def paint_piece(vertices: FloatArray, triangles: IndexArray, colour: Colour) -> Piece:
+    """Make a piece of one colour.
+
+    Parameters
+    ----------
+    vertices
+        Positions, ``(vertices, 3)``, millimetres.
+    triangles
+        Vertex indices, ``(triangles, 3)``.
+    colour
+        Red, green and blue, 0 to 1.
+
+    Returns
+    -------
+    Piece
+        The piece.
+    """
     return Piece(
         vertices, triangles, np.tile(np.asarray(colour, dtype=np.float64), (len(vertices), 1))
     )
 
 
-def joined(pieces: Sequence[Piece]) -> Piece:
-    """Several pieces as one; nothing is welded."""
+def join_pieces(pieces: Sequence[Piece]) -> Piece:
+    """Join several pieces to one; nothing is welded.
+
+    Parameters
+    ----------
+    pieces
+        The pieces.
+
+    Returns
+    -------
+    Piece
+        With the vertices in the order of the pieces.
+    """
     starts = np.cumsum([0, *(len(piece.vertices) for piece in pieces[:-1])])
     return Piece(
         np.concatenate([piece.vertices for piece in pieces]),
@@ -58,11 +90,21 @@ def joined(pieces: Sequence[Piece]) -> Piece:
     )
 
 
-def grid_triangles(rows: int, columns: int, *, closed_rows: bool = False) -> IndexArray:
-    """Triangles of a grid of vertices stored row by row.
+def triangulate_grid(rows: int, columns: int, *, closed_rows: bool = False) -> IndexArray:
+    """Triangulate a grid of vertices that are stored row by row.
 
-    Seen from the side where the rows run up and the columns run to the left, the triangles are
-    counter-clockwise. With `closed_rows` the last row is joined to the first.
+    Parameters
+    ----------
+    rows, columns
+        Size of the grid. Seen from the side where the rows run up and the columns run to the left,
+        the triangles are counter-clockwise.
+    closed_rows
+        Whether the last row is joined to the first.
+
+    Returns
+    -------
+    ndarray
+        Vertex indices, ``(triangles, 3)``.
     """
     last_row = rows if closed_rows else rows - 1
     row, column = np.meshgrid(np.arange(last_row), np.arange(columns - 1), indexing="ij")
@@ -73,8 +115,21 @@ def grid_triangles(rows: int, columns: int, *, closed_rows: bool = False) -> Ind
     )
 
 
-def strip_triangles(outer: IndexArray, inner: IndexArray, *, closed: bool = True) -> IndexArray:
-    """Triangles between two rings of equally many vertices, `outer` counter-clockwise."""
+def triangulate_strip(outer: IndexArray, inner: IndexArray, *, closed: bool = True) -> IndexArray:
+    """Triangulate the strip between two rings of equally many vertices.
+
+    Parameters
+    ----------
+    outer, inner
+        Vertex indices of the rings, ``(points,)`` each; `outer` counter-clockwise.
+    closed
+        Whether the last vertices are joined to the first.
+
+    Returns
+    -------
+    ndarray
+        Vertex indices, ``(triangles, 3)``.
+    """
     if closed:
         next_outer, next_inner = np.roll(outer, -1), np.roll(inner, -1)
     else:
@@ -88,26 +143,52 @@ def strip_triangles(outer: IndexArray, inner: IndexArray, *, closed: bool = True
     )
 
 
-def fan_triangles(ring: IndexArray, centre: int, *, closed: bool = True) -> IndexArray:
-    """Triangles that close a counter-clockwise ring with one vertex."""
+def triangulate_fan(ring: IndexArray, centre: int, *, closed: bool = True) -> IndexArray:
+    """Triangulate a ring that one vertex closes.
+
+    Parameters
+    ----------
+    ring
+        Vertex indices, ``(points,)``, counter-clockwise.
+    centre
+        Index of the vertex that closes it.
+    closed
+        Whether the last vertex is joined to the first.
+
+    Returns
+    -------
+    ndarray
+        Vertex indices, ``(triangles, 3)``.
+    """
     following = np.roll(ring, -1) if closed else ring[1:]
     ring = ring if closed else ring[:-1]
     return np.stack([ring, following, np.full(len(ring), centre)], axis=1)
 
 
-def edges_of(triangles: IndexArray) -> IndexArray:
-    """Every edge once, `(edges, 2)`, the smaller index first."""
-    pairs = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    return np.unique(np.sort(pairs, axis=1), axis=0)
-
-
-def smoothed(
+def smooth_vertices(
     vertices: FloatArray, triangles: IndexArray, strength: FloatArray, rounds: int
 ) -> FloatArray:
-    """Vertices moved towards the mean of their neighbours, each by its own strength in [0, 1]."""
+    """Move vertices towards the mean of their neighbours.
+
+    Parameters
+    ----------
+    vertices
+        Positions, ``(vertices, 3)``, millimetres.
+    triangles
+        Vertex indices, ``(triangles, 3)``.
+    strength
+        Part of the way that each vertex moves, ``(vertices,)``, 0 to 1.
+    rounds
+        How many times.
+
+    Returns
+    -------
+    ndarray
+        ``(vertices, 3)``, millimetres.
+    """
     from scipy.sparse import coo_matrix
 
-    edges = edges_of(triangles)
+    edges = list_edges(triangles)
     rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
     count = len(vertices)
     adjacency = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(count, count)).tocsr()
@@ -119,19 +200,47 @@ def smoothed(
 
 
 def smoothstep(value: FloatArray) -> FloatArray:
-    """0 below 0, 1 above 1, and a cubic with level ends between."""
+    """Return 0 below 0, 1 above 1, and a cubic with level ends between.
+
+    Parameters
+    ----------
+    value
+        ``(points,)`` or any other shape, no unit.
+
+    Returns
+    -------
+    ndarray
+        Of the same shape, ``(points,)``, 0 to 1.
+    """
     clipped = np.clip(value, 0.0, 1.0)
     return np.asarray(clipped * clipped * (3.0 - 2.0 * clipped))
 
 
-def bump(
+def compute_bump(
     x: FloatArray,
     y: FloatArray,
     centre: tuple[float, float],
     widths: tuple[float, float],
     turn: float = 0.0,
 ) -> FloatArray:
-    """A Gaussian hill of height 1 over the plane, its axes turned by `turn` radians."""
+    """Compute a Gaussian hill of height 1 over the plane.
+
+    Parameters
+    ----------
+    x, y
+        Points of the plane, ``(points,)`` each, millimetres.
+    centre
+        Its top, x and y, millimetres.
+    widths
+        Standard deviations along its axes, millimetres.
+    turn
+        Angle from the plane's axes to the hill's, radians.
+
+    Returns
+    -------
+    ndarray
+        Heights, ``(points,)``, 0 to 1.
+    """
     across, along = x - centre[0], y - centre[1]
     cosine, sine = np.cos(turn), np.sin(turn)
     first = (cosine * across + sine * along) / widths[0]
@@ -139,21 +248,47 @@ def bump(
     return np.asarray(np.exp(-0.5 * (first**2 + second**2)))
 
 
-def hill(value: FloatArray, centre: float, width: float) -> FloatArray:
-    """A Gaussian hill of height 1 over a line."""
-    return np.asarray(np.exp(-0.5 * ((value - centre) / width) ** 2))
+def compute_hill(value: FloatArray, centre: float, width: float) -> FloatArray:
+    """Compute a Gaussian hill of height 1 over a line.
 
-
-def distance_to_path(
-    x: FloatArray, y: FloatArray, path: Sequence[tuple[float, float]]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """How far points are from a path of straight pieces.
+    Parameters
+    ----------
+    value
+        Points of the line, ``(points,)``, millimetres.
+    centre
+        Where its top is, millimetres.
+    width
+        Standard deviation, millimetres.
 
     Returns
     -------
-    tuple
-        Distance; +1 on the lateral side of a path that runs down the left half of the face, -1
-        on the medial side; position along the path, 0 to 1.
+    ndarray
+        Heights, ``(points,)``, 0 to 1.
+    """
+    return np.asarray(np.exp(-0.5 * ((value - centre) / width) ** 2))
+
+
+def measure_path_distance(
+    x: FloatArray, y: FloatArray, path: Sequence[tuple[float, float]]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Measure how far points are from a path of straight pieces.
+
+    Parameters
+    ----------
+    x, y
+        Points of the plane, ``(points,)`` each, millimetres.
+    path
+        Corners of the path, x and y, millimetres.
+
+    Returns
+    -------
+    distance
+        ``(points,)``, millimetres.
+    side
+        ``(points,)``: +1 on the lateral side of a path that runs down the left half of the face, -1
+        on the medial side.
+    position
+        Position along the path, ``(points,)``, 0 to 1.
     """
     start = np.asarray(path[:-1], dtype=np.float64)
     step = np.diff(np.asarray(path, dtype=np.float64), axis=0)

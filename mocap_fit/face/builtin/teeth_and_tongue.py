@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_fit.face.builtin.mouth import contact_depth
+from mocap_fit.face.builtin.mouth import compute_contact_depth
 from mocap_fit.face.builtin.surfaces import (
     Colour,
     Piece,
-    fan_triangles,
-    grid_triangles,
-    hill,
-    joined,
-    painted,
+    compute_hill,
+    join_pieces,
+    paint_piece,
     smoothstep,
-    strip_triangles,
+    triangulate_fan,
+    triangulate_grid,
+    triangulate_strip,
 )
 from mocap_fit.face.mesh import IndexArray
 from mocap_fit.tracks import FloatArray
@@ -38,18 +38,35 @@ _LIT_DEPTH = 26.0
 _TONGUE_LENGTH = 50.0
 
 
-def front_of_teeth() -> float:
-    """Depth z of the upper front teeth."""
-    return float(contact_depth(np.zeros(1))[0]) - _BEHIND_THE_LIPS
+def compute_front_depth() -> float:
+    """Return the depth of the upper front teeth.
+
+    Returns
+    -------
+    float
+        z, millimetres.
+    """
+    return float(compute_contact_depth(np.zeros(1))[0]) - _BEHIND_THE_LIPS
 
 
-def teeth(*, upper: bool) -> Piece:
-    """One row of twelve teeth, each a closed rounded box; the middle two come first."""
+def build_teeth(*, upper: bool) -> Piece:
+    """Build one row of twelve teeth, each a closed rounded box; the middle two come first.
+
+    Parameters
+    ----------
+    upper
+        Whether it is the upper row.
+
+    Returns
+    -------
+    Piece
+        The teeth.
+    """
     widths = np.array(_UPPER_WIDTHS if upper else _LOWER_WIDTHS)
     heights = np.array(_UPPER_HEIGHTS if upper else _LOWER_HEIGHTS)
     edges = np.array(_UPPER_EDGES if upper else _LOWER_EDGES)
     x = np.linspace(0, 32, 400)
-    z = _arch(x, upper=upper)
+    z = _compute_arch(x, upper=upper)
     along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(z)))])
     middle = np.interp(np.cumsum(widths) - widths / 2, along, x)
     slope = np.gradient(z, x)
@@ -68,85 +85,99 @@ def teeth(*, upper: bool) -> Piece:
             ]
         )
         half = np.array([widths[tooth] / 2 - 0.06, height / 2, thickness])
-        vertices, triangles = _rounded_box()
-        left.append(painted(centre + (vertices * half) @ axes, triangles, _TOOTH))
-    row = joined([piece for tooth in left for piece in (tooth, tooth.mirrored())])
+        vertices, triangles = _make_rounded_box()
+        left.append(paint_piece(centre + (vertices * half) @ axes, triangles, _TOOTH))
+    row = join_pieces([piece for tooth in left for piece in (tooth, tooth.mirror())])
     # Little light comes to the back of a mouth, or behind the teeth.
-    shade = smoothstep((front_of_teeth() - row.vertices[:, 2:]) / _LIT_DEPTH)
+    shade = smoothstep((compute_front_depth() - row.vertices[:, 2:]) / _LIT_DEPTH)
     return Piece(row.vertices, row.triangles, row.colours * (1 - shade * (1 - _LIGHT_AT_THE_BACK)))
 
 
-def gums(*, upper: bool) -> Piece:
-    """The gum behind and above (or below) one row of teeth."""
+def build_gums(*, upper: bool) -> Piece:
+    """Build the gum behind and above (or below) one row of teeth.
+
+    Parameters
+    ----------
+    upper
+        Whether it is the upper one.
+
+    Returns
+    -------
+    Piece
+        A strip.
+    """
     x = np.linspace(-29, 29, 25)
     up = np.array([5.8, 7.3, 9.5, 12.5, 15.0] if upper else [-8.2, -9.6, -11.5, -14.0, -16.5])
     forward = np.array([-1.1, 0.3, 0.2, -1.2, -4.2] if upper else [-1.0, 0.2, -0.6, -3.5, -7.0])
-    depth = _arch(x, upper=upper)
+    depth = _compute_arch(x, upper=upper)
     vertices = np.stack(
         np.broadcast_arrays(x[:, None], up, depth[:, None] + forward), axis=2
     ).reshape(-1, 3)
-    triangles = grid_triangles(25, 5)
-    return painted(vertices, triangles if upper else triangles[:, ::-1], _GUM)
+    triangles = triangulate_grid(25, 5)
+    return paint_piece(vertices, triangles if upper else triangles[:, ::-1], _GUM)
 
 
 TONGUE_ROWS = 16
 TONGUE_COLUMNS = 16
 
 
-def tongue() -> Piece:
-    """The tongue, a closed body whose tip rests behind the lower teeth.
+def build_tongue() -> Piece:
+    """Build the tongue, a closed body whose tip rests behind the lower teeth.
 
-    Ring after ring of `TONGUE_COLUMNS` vertices from the tip backwards (each starts at the
-    speaker's left border and runs over the top), then the points that close tip and root.
+    Returns
+    -------
+    Piece
+        Ring after ring of `TONGUE_COLUMNS` vertices from the tip backwards (each starts at the
+        speaker's left border and runs over the top), then the points that close tip and root.
     """
     share = np.linspace(0, 1, TONGUE_ROWS)[:, None]
     angle = 2 * np.pi * np.arange(TONGUE_COLUMNS) / TONGUE_COLUMNS
-    z = front_of_teeth() - 10.0 - _TONGUE_LENGTH * share
+    z = compute_front_depth() - 10.0 - _TONGUE_LENGTH * share
     half_width = 19.0 * (1 - (1 - np.minimum(share / 0.42, 1)) ** 2.2) ** 0.5 * (1 - 0.12 * share)
     cosine, sine = np.cos(angle), np.sin(angle)
     x = (half_width + 1.2) * cosine
     middle = -8.5 + 4.5 * np.sin(np.pi * np.minimum(0.85 * share, 1))
     taper = 0.35 + 0.65 * smoothstep(share / 0.35)
     y = middle + taper * np.where(sine > 0, 5.5 * sine, 4.5 * sine)
-    y = y - 1.3 * hill(x, 0, 2.5) * (sine > 0) * np.sin(np.pi * share)
+    y = y - 1.3 * compute_hill(x, 0, 2.5) * (sine > 0) * np.sin(np.pi * share)
     rings = np.stack(np.broadcast_arrays(x, y, z), axis=2)
     beyond = np.array([0.0, 0.0, 1.5])
     tip, root = rings[0].mean(axis=0) + beyond, rings[-1].mean(axis=0) - beyond
     vertices = np.concatenate([rings.reshape(-1, 3), [tip, root]])
     index = np.arange(TONGUE_ROWS * TONGUE_COLUMNS).reshape(TONGUE_ROWS, TONGUE_COLUMNS)
-    triangles = [strip_triangles(index[i + 1], index[i]) for i in range(TONGUE_ROWS - 1)]
-    triangles.append(fan_triangles(index[0], index.size))
-    triangles.append(fan_triangles(index[-1], index.size + 1)[:, ::-1])
-    piece = painted(vertices, np.concatenate(triangles), _TONGUE)
+    triangles = [triangulate_strip(index[i + 1], index[i]) for i in range(TONGUE_ROWS - 1)]
+    triangles.append(triangulate_fan(index[0], index.size))
+    triangles.append(triangulate_fan(index[-1], index.size + 1)[:, ::-1])
+    piece = paint_piece(vertices, np.concatenate(triangles), _TONGUE)
     darker = 0.55 + 0.45 * smoothstep((vertices[:, 2] - vertices[:, 2].min()) / 45)
     return Piece(piece.vertices, piece.triangles, piece.colours * darker[:, None])
 
 
-def _arch(x: FloatArray, *, upper: bool) -> FloatArray:
-    """Depth of the front of a row of teeth."""
-    front = front_of_teeth() - (0.0 if upper else _OVERJET)
+def _compute_arch(x: FloatArray, *, upper: bool) -> FloatArray:
+    """Return the depth of the front of a row of teeth."""
+    front = compute_front_depth() - (0.0 if upper else _OVERJET)
     return np.asarray(front - (0.028 if upper else 0.031) * x**2 - 0.00012 * np.abs(x) ** 3)
 
 
-def _rounded_box(around: int = 12, up: int = 7) -> tuple[FloatArray, IndexArray]:
-    """A closed box between -1 and 1 with rounded edges (a superquadric), without double points."""
+def _make_rounded_box(around: int = 12, up: int = 7) -> tuple[FloatArray, IndexArray]:
+    """Make a closed box between -1 and 1 with rounded edges (a superquadric)."""
     azimuth = 2 * np.pi * np.arange(around) / around
     height = np.linspace(-np.pi / 2, np.pi / 2, up + 2)[1:-1][:, None]
 
-    def rounded(value: FloatArray) -> FloatArray:
+    def round_off(value: FloatArray) -> FloatArray:
         return np.asarray(np.sign(value) * np.abs(value) ** 0.5)
 
     ring = np.stack(
         np.broadcast_arrays(
-            rounded(np.cos(azimuth)) * rounded(np.cos(height)),
-            rounded(np.sin(height)),
-            rounded(np.sin(azimuth)) * rounded(np.cos(height)),
+            round_off(np.cos(azimuth)) * round_off(np.cos(height)),
+            round_off(np.sin(height)),
+            round_off(np.sin(azimuth)) * round_off(np.cos(height)),
         ),
         axis=2,
     )
     vertices = np.concatenate([ring.reshape(-1, 3), [[0, -1, 0], [0, 1, 0]]])
     index = np.arange(around * up).reshape(up, around)
-    triangles = [strip_triangles(index[i], index[i + 1])[:, ::-1] for i in range(up - 1)]
-    triangles.append(fan_triangles(index[0], around * up))
-    triangles.append(fan_triangles(index[-1], around * up + 1)[:, ::-1])
+    triangles = [triangulate_strip(index[i], index[i + 1])[:, ::-1] for i in range(up - 1)]
+    triangles.append(triangulate_fan(index[0], around * up))
+    triangles.append(triangulate_fan(index[-1], around * up + 1)[:, ::-1])
     return vertices, np.concatenate(triangles)
