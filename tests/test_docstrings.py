@@ -2,6 +2,7 @@
 
 import doctest
 import importlib
+import inspect
 import sys
 from pathlib import Path
 
@@ -60,7 +61,7 @@ def test_what_users_import_has_examples_that_run(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     function = getattr(mocap_fit, name)
     module = importlib.import_module(function.__module__)
-    text = function.__doc__
+    text = inspect.getdoc(function)
     assert "\nSee Also\n" in text
     examples = [
         test

@@ -112,7 +112,6 @@ PENDING = (
     "mocap_fit/drawing.py",
     "mocap_fit/errors.py",
     "mocap_fit/evaluation",
-    "mocap_fit/face",
     "mocap_fit/fitting",
     "mocap_fit/head",
     "mocap_fit/io",

@@ -116,7 +116,7 @@ def _read_with_pyvista(path: Path) -> list[Piece]:
     import pyvista
 
     try:
-        with _silence_vtk():
+        with _catch_vtk_warnings():
             pieces = []
             for name, block in _list_blocks(pyvista.read(path), path.stem):
                 surface = block if isinstance(block, pyvista.PolyData) else block.extract_surface()
@@ -132,7 +132,7 @@ def _read_with_pyvista(path: Path) -> list[Piece]:
 
 
 @contextlib.contextmanager
-def _silence_vtk() -> Iterator[None]:
+def _catch_vtk_warnings() -> Iterator[None]:
     """Turn VTK's warnings into exceptions; else it writes them to the terminal and goes on."""
     import pyvista
 

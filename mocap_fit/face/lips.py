@@ -15,19 +15,19 @@ UPPER_LIP, LOWER_LIP = "2.2", "2.3"
 
 
 def compute_lip_gap(rig: Rig, values: ArrayLike) -> FloatArray:
-    """How far the inner lips are apart in the middle, frame by frame.
+    """Compute how far the inner lips are apart in the middle, frame by frame.
 
     Parameters
     ----------
     rig
         A face whose mesh has the feature points 2.2 and 2.3.
     values
-        `(frames, parameters)`, in the order of the rig.
+        Values of the parameters, ``(frames, parameters)``, in the order of the rig, full gestures.
 
     Returns
     -------
-    FloatArray
-        `(frames,)`, millimetres along the head's y axis; negative where the lips are pressed into
+    ndarray
+        ``(frames,)``, millimetres along the head's y axis; negative where the lips are pressed into
         each other, NaN where a parameter is.
 
     Raises
@@ -47,6 +47,6 @@ def compute_lip_gap(rig: Rig, values: ArrayLike) -> FloatArray:
     compiled = rig.compile(lips)
     gaps = np.full(len(frames), np.nan)
     for i in np.flatnonzero(np.isfinite(frames).all(axis=1)):
-        places = rig.deform(frames[i])[lips] if compiled is None else evaluate(compiled, frames[i])
-        gaps[i] = places[0, 1] - places[1, 1]
+        ends = rig.deform(frames[i])[lips] if compiled is None else evaluate(compiled, frames[i])
+        gaps[i] = ends[0, 1] - ends[1, 1]
     return gaps

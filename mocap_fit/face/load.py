@@ -1,11 +1,11 @@
-"""Loading a face: the built-in head, or a mesh of one's own with its rig file."""
+"""Loading a face: the built-in head, or a user's mesh with its rig file."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
+from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, with_path
 from mocap_fit.face.mesh import Mesh
 from mocap_fit.face.rig import RIGS, Rig
 from mocap_fit.face.rig_file import RigFile, add_location, read_rig_file
@@ -19,35 +19,58 @@ def load_face(face: str | Path = BUILT_IN, *, mesh: Mesh | None = None) -> Rig:
     Parameters
     ----------
     face
-        ``"built-in"``, or a rig file (TOML); see `mocap_fit.face.rig_file`.
+        ``"built-in"``, or a rig file (TOML), whose format `mocap_fit.face.rig_file` describes.
     mesh
         Put the rig on this mesh instead of the one that the file names.
 
+    Returns
+    -------
+    Rig
+        Parameters → vertices; its `mesh` is the face at rest.
+
     Raises
     ------
+    FileFormatError
+        If the rig file cannot be read; a `MissingFileError` where there is none.
     ConfigurationError
         If the rig file or the mesh is wrong, or they do not fit each other.
+
+    See Also
+    --------
+    bind_markers : Tie markers to a face.
+    render_movie : Draw a face that moves.
+
+    Examples
+    --------
+    >>> import mocap_fit as mf
+    >>> face = mf.load_face()
+    >>> face
+    ParkeRig(10 parameters, 11 transforms, 10999 vertices)
+    >>> face.parameter_names[:3]
+    ('jaw_rotation', 'lip_rounding', 'upper_lip_retraction')
+
+    How far the chin moves, in millimetres, when the jaw opens fully:
+
+    >>> from mocap_fit.face import to_parameters
+    >>> opened = face.deform(to_parameters({"jaw_rotation": 1.0}, face.parameter_names))
+    >>> chin = face.mesh.get_feature_point("2.1")
+    >>> (opened - face.mesh.vertices)[chin].round(1)
+    array([  0. , -17.5, -30.4])
     """
     name = "parke" if str(face) == BUILT_IN else str(face)
     rig_file = read_rig_file(name)
     try:
-        mesh = rig_file.named(_mesh(rig_file, Path(name).parent) if mesh is None else mesh)
-        rig: Rig = _rig_class(rig_file).from_file(rig_file, mesh)
+        mesh = rig_file.label_mesh(
+            _load_mesh(rig_file, Path(name).parent) if mesh is None else mesh
+        )
+        rig: Rig = _get_rig_class(rig_file).from_file(rig_file, mesh)
     except ConfigurationError as error:
-        # The rig file is where the user can mend it.
-        if error.path is None and str(face) != BUILT_IN:
-            raise ConfigurationError(
-                error.problem,
-                path=name,
-                found=error.found,
-                expected=error.expected,
-                advice=error.advice,
-            ) from None
-        raise
+        # The rig file is where the user can correct it.
+        raise error if str(face) == BUILT_IN else with_path(error, name) from None
     return rig
 
 
-def _rig_class(rig_file: RigFile) -> Any:
+def _get_rig_class(rig_file: RigFile) -> Any:
     with add_location("kind"):
         if rig_file.kind not in RIGS.names():
             raise ConfigurationError(
@@ -58,7 +81,7 @@ def _rig_class(rig_file: RigFile) -> Any:
     return RIGS.get(rig_file.kind)
 
 
-def _mesh(rig_file: RigFile, folder: Path) -> Mesh:
+def _load_mesh(rig_file: RigFile, folder: Path) -> Mesh:
     if rig_file.mesh is None:
         from mocap_fit.face.builtin import load_built_in_head
 

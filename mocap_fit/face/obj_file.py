@@ -41,7 +41,7 @@ def read_obj(path: Path) -> list[Piece]:
     if not triangles:
         return []
     points, faces = np.array(vertices, dtype=np.float64), np.array(triangles, dtype=np.int64)
-    clusters = _cluster_by_shared_vertices(faces, labels, len(names), len(points))
+    clusters = _join_by_shared_vertices(faces, labels, len(names), len(points))
     pieces = []
     for cluster in range(clusters.max() + 1):
         group = np.flatnonzero(clusters == cluster)
@@ -120,7 +120,7 @@ def _parse_corner(corner: str, vertex_count: int) -> int:
     return index
 
 
-def _cluster_by_shared_vertices(
+def _join_by_shared_vertices(
     faces: IndexArray, labels: list[int], name_count: int, vertex_count: int
 ) -> IndexArray:
     """Return the cluster of each name; names whose triangles share a vertex are in one."""

@@ -23,12 +23,12 @@ from mocap_fit.face.rig import (
     evaluate_jacobian,
 )
 from mocap_fit.face.rig_file import add_location
-from mocap_fit.face.weights import BendingEnergy, falloff
+from mocap_fit.face.weights import BendingEnergy, compute_falloff
 from mocap_fit.tracks import FloatArray
 
 if TYPE_CHECKING:
     from mocap_fit.face.rig_file import RigFile
-    from mocap_fit.face.rig_tables import Places, Transform, Weight
+    from mocap_fit.face.rig_tables import Locations, Transform, Weight
 
 
 class ParkeRig:
@@ -41,7 +41,7 @@ class ParkeRig:
     parameter_names
         Names of the parameters, in order.
     bounds
-        `(parameters, 2)`.
+        Lower and upper bound of each, ``(parameters, 2)``, full gestures.
     compiled
         The transforms, for every vertex of the mesh.
     """
@@ -58,9 +58,27 @@ class ParkeRig:
         self.bounds = bounds
         self._compiled = compiled
 
+    def __repr__(self) -> str:
+        return (
+            f"ParkeRig({len(self.parameter_names)} parameters, {len(self._compiled.kinds)} "
+            f"transforms, {len(self.mesh.vertices)} vertices)"
+        )
+
     @classmethod
     def from_file(cls, rig_file: RigFile, mesh: Mesh) -> ParkeRig:
         """Put a rig file's transforms on a mesh.
+
+        Parameters
+        ----------
+        rig_file
+            Parameters, weights and transforms.
+        mesh
+            The face at rest, with the names that the file refers to.
+
+        Returns
+        -------
+        ParkeRig
+            The rig.
 
         Raises
         ------
@@ -74,18 +92,18 @@ class ParkeRig:
                 "the rig file has no parameters or no transforms",
                 advice='Add them, or take the shipped ones with extends = "parke".',
             )
-        rig_file.check_on(mesh)
-        scales = rig_file.scales_on(mesh)
-        places = rig_file.places(mesh, scales)
-        weights = _weights(rig_file, mesh, scales, places)
+        rig_file.check_mesh(mesh)
+        scales = rig_file.compute_scales(mesh)
+        locations = rig_file.locate_points(mesh, scales)
+        weights = _compute_weights(rig_file, mesh, scales, locations)
         count = len(transforms)
         kinds = np.zeros(count, dtype=np.int64)
         vectors, centres = np.zeros((count, 3)), np.zeros((count, 3))
         shares = np.zeros((count, len(mesh.vertices)))
         for i, transform in enumerate(transforms):
-            kinds[i], vectors[i] = _kind_and_vector(transform, scales)
+            kinds[i], vectors[i] = _to_operation(transform, scales)
             if transform.centre is not None:
-                centres[i] = transform.centre.on(mesh, scales, places)
+                centres[i] = transform.centre.locate(mesh, scales, locations)
             shares[i] = weights[transform.weight]
             if not shares[i].any() or not vectors[i].any():
                 with add_location(f"transforms.{i}"):
@@ -108,20 +126,53 @@ class ParkeRig:
         return cls(mesh, names, bounds, compiled)
 
     def deform(self, parameters: ArrayLike) -> FloatArray:
-        """Vertices, `(vertices, 3)` in millimetres, for `(parameters,)` values."""
+        """Move the vertices.
+
+        Parameters
+        ----------
+        parameters
+            Values, ``(parameters,)``: 0 is rest, 1 the full gesture.
+
+        Returns
+        -------
+        ndarray
+            Positions, ``(vertices, 3)``, millimetres.
+        """
         return evaluate(self._compiled, check_parameters(parameters, self.parameter_names))
 
     def jacobian(self, parameters: ArrayLike) -> FloatArray:
-        """Derivative of `deform`, `(vertices, 3, parameters)`, millimetres per unit."""
+        """Compute the derivative of the vertices by the parameters.
+
+        Parameters
+        ----------
+        parameters
+            Values, ``(parameters,)``: 0 is rest, 1 the full gesture.
+
+        Returns
+        -------
+        ndarray
+            ``(vertices, 3, parameters)``, millimetres a full gesture.
+        """
         values = check_parameters(parameters, self.parameter_names)
         return evaluate_jacobian(self._compiled, values)[1]
 
     def compile(self, vertex_ids: IndexArray) -> CompiledRig:
-        """Give the transforms as arrays, for those vertices."""
+        """Return the rig as plain arrays for some vertices.
+
+        Parameters
+        ----------
+        vertex_ids
+            Vertices of the mesh, ``(vertices,)``.
+
+        Returns
+        -------
+        CompiledRig
+            The transforms, for those vertices.
+        """
         return self._compiled.take(np.asarray(vertex_ids))
 
 
-def _kind_and_vector(transform: Transform, scales: FloatArray) -> tuple[Kind, FloatArray]:
+def _to_operation(transform: Transform, scales: FloatArray) -> tuple[Kind, FloatArray]:
     if transform.kind == "translation":
         return Kind.TRANSLATION, scales * np.asarray(transform.by)
     if transform.kind == "scaling":
@@ -131,15 +182,15 @@ def _kind_and_vector(transform: Transform, scales: FloatArray) -> tuple[Kind, Fl
     return Kind.ROTATION, axis / np.linalg.norm(axis) * turn
 
 
-def _weights(
-    rig_file: RigFile, mesh: Mesh, scales: FloatArray, places: Places
+def _compute_weights(
+    rig_file: RigFile, mesh: Mesh, scales: FloatArray, locations: Locations
 ) -> dict[str, FloatArray]:
     weights: dict[str, FloatArray] = {}
     bending: dict[str, BendingEnergy] = {}
     for name, weight in rig_file.weights.items():
         with add_location(f"weights.{name}"):
-            share = _own_weight(weight, mesh, scales, places, bending)
-        for other, inverted in weight.factors():
+            share = _compute_on_part(weight, mesh, scales, locations, bending)
+        for other, inverted in weight.list_factors():
             share = share * (1.0 - weights[other] if inverted else weights[other])
         for part, value in weight.parts.items():
             if mesh.has_region(part):
@@ -155,28 +206,28 @@ def _weights(
     return weights
 
 
-def _own_weight(
+def _compute_on_part(
     weight: Weight,
     mesh: Mesh,
     scales: FloatArray,
-    places: Places,
+    locations: Locations,
     bending: dict[str, BendingEnergy],
 ) -> FloatArray:
-    """The weight of its own part alone: other parts are given theirs, or follow."""
+    """Compute a weight on its part alone: other parts get theirs later, or follow."""
     part = mesh.get_part(weight.on)
     vertices = slice(part.vertices.start, part.vertices.stop)
     share = np.zeros(len(mesh.vertices))
     if weight.centre is not None and weight.radii is not None:
-        share[vertices] = falloff(
+        share[vertices] = compute_falloff(
             mesh.vertices[vertices],
-            weight.centre.on(mesh, scales, places),
+            weight.centre.locate(mesh, scales, locations),
             scales * np.asarray(weight.radii, dtype=np.float64),
             weight.plateau,
         )
         return share
     totals, counts = np.zeros(len(mesh.vertices)), np.zeros(len(mesh.vertices))
     for constraint in weight.values:
-        members = constraint.members(mesh, scales, places)
+        members = constraint.find_vertices(mesh, scales, locations)
         totals[members] += constraint.value
         counts[members] += 1
     known = np.flatnonzero(counts[vertices])
@@ -189,6 +240,8 @@ def _own_weight(
     values = totals[vertices][known] / counts[vertices][known]
     if weight.on not in bending:
         triangles = mesh.triangles[part.triangles.start : part.triangles.stop]
-        bending[weight.on] = BendingEnergy.of(mesh.vertices[vertices], triangles - vertices.start)
-    share[vertices] = bending[weight.on].least(known, values)
+        bending[weight.on] = BendingEnergy.from_mesh(
+            mesh.vertices[vertices], triangles - vertices.start
+        )
+    share[vertices] = bending[weight.on].minimise(known, values)
     return share

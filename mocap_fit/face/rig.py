@@ -36,7 +36,7 @@ class Kind(IntEnum):
     FIELD = 3  # x + y f, f the vertex's own displacement
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CompiledRig:
     """A rig as plain arrays, for some vertices: the one form that the kernels read.
 
@@ -45,20 +45,24 @@ class CompiledRig:
     Parameters
     ----------
     vertex_ids
-        `(vertices,)`: which vertices of the mesh these are.
+        Which vertices of the mesh these are, ``(vertices,)``.
     rest
-        `(vertices, 3)`, millimetres.
+        Positions at rest, ``(vertices, 3)``, millimetres.
     kinds
-        `(operations,)`, a `Kind` each.
+        A `Kind` for each operation, ``(operations,)``.
     parameters
-        `(operations,)`, index of the parameter that drives each.
+        Index of the parameter that drives each operation, ``(operations,)``.
     weights
-        `(operations, vertices)`; not read by fields.
-    vectors, centres
-        `(operations, 3)`; see `Kind`.
+        Share of each vertex in each operation, ``(operations, vertices)``, no unit; not read by
+        fields.
+    vectors
+        Of each operation, ``(operations, 3)``: a displacement in millimetres, a rotation vector in
+        radians, or what is added to the scale.
+    centres
+        The point of each rotation and scaling that stays, ``(operations, 3)``, millimetres.
     fields
-        `(operations, vertices, 3)`, millimetres at parameter 1; read by fields alone, and of
-        length 0 along the first axis when there are none.
+        Displacements at parameter 1, ``(operations, vertices, 3)``, millimetres; read by fields
+        alone, and of length 0 along the first axis when there are none.
     parameter_count
         Number of parameters of the rig.
     """
@@ -73,8 +77,25 @@ class CompiledRig:
     fields: FloatArray
     parameter_count: int
 
+    def __repr__(self) -> str:
+        return (
+            f"CompiledRig({self.parameter_count} parameters, {len(self.kinds)} operations, "
+            f"{len(self.rest)} vertices)"
+        )
+
     def take(self, vertex_ids: IndexArray) -> CompiledRig:
-        """The same rig for some of its vertices, given as positions in `vertex_ids`."""
+        """Return the same rig for some of its vertices.
+
+        Parameters
+        ----------
+        vertex_ids
+            Their positions in this rig's `vertex_ids`, ``(vertices,)``.
+
+        Returns
+        -------
+        CompiledRig
+            The rig for those vertices, in that order.
+        """
         return CompiledRig(
             np.ascontiguousarray(self.vertex_ids[vertex_ids]),
             np.ascontiguousarray(self.rest[vertex_ids]),
@@ -89,7 +110,7 @@ class CompiledRig:
 
 
 class Rig(Protocol):
-    """Parameters → vertices."""
+    """The protocol of rigs: from parameters to the vertices of a mesh."""
 
     @property
     def mesh(self) -> Mesh:
@@ -98,29 +119,74 @@ class Rig(Protocol):
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """Names of the parameters, in order."""
+        """The names of the parameters, in order."""
         ...
 
     @property
     def bounds(self) -> FloatArray:
-        """`(parameters, 2)`: lower and upper bounds; 0 is rest, 1 the full gesture."""
+        """Lower and upper bounds, ``(parameters, 2)``; 0 is rest, 1 the full gesture."""
         ...
 
     def deform(self, parameters: ArrayLike) -> FloatArray:
-        """Vertices, `(vertices, 3)` in millimetres, for `(parameters,)` values."""
+        """Move the vertices.
+
+        Parameters
+        ----------
+        parameters
+            Values, ``(parameters,)``: 0 is rest, 1 the full gesture.
+
+        Returns
+        -------
+        ndarray
+            Positions, ``(vertices, 3)``, millimetres.
+        """
         ...
 
     def jacobian(self, parameters: ArrayLike) -> FloatArray:
-        """Derivative of `deform`, `(vertices, 3, parameters)`, millimetres per unit."""
+        """Compute the derivative of the vertices by the parameters.
+
+        Parameters
+        ----------
+        parameters
+            Values, ``(parameters,)``: 0 is rest, 1 the full gesture.
+
+        Returns
+        -------
+        ndarray
+            ``(vertices, 3, parameters)``, millimetres a full gesture.
+        """
         ...
 
     def compile(self, vertex_ids: IndexArray) -> CompiledRig | None:
-        """The rig as arrays for those vertices, or None where it cannot be written so."""
+        """Return the rig as plain arrays for some vertices.
+
+        Parameters
+        ----------
+        vertex_ids
+            Vertices of the mesh, ``(vertices,)``.
+
+        Returns
+        -------
+        CompiledRig or None
+            None where the rig cannot be written as ordered operations.
+        """
         ...
 
 
 def check_parameters(values: ArrayLike, names: tuple[str, ...]) -> FloatArray:
-    """Parameters as `(parameters,)` float64.
+    """Check values of the parameters.
+
+    Parameters
+    ----------
+    values
+        The values, ``(parameters,)``, full gestures.
+    names
+        Names of the parameters, in order.
+
+    Returns
+    -------
+    ndarray
+        The values as float64, ``(parameters,)``.
 
     Raises
     ------
@@ -143,7 +209,19 @@ def check_parameters(values: ArrayLike, names: tuple[str, ...]) -> FloatArray:
 
 
 def to_parameters(values: Mapping[str, float], names: tuple[str, ...]) -> FloatArray:
-    """`(parameters,)` from values by name; those not named are 0.
+    """Arrange values by name in the order of the parameters.
+
+    Parameters
+    ----------
+    values
+        Parameter → value, full gestures; those that are not named are 0.
+    names
+        Names of the parameters, in order.
+
+    Returns
+    -------
+    ndarray
+        The values, ``(parameters,)``.
 
     Raises
     ------
@@ -160,7 +238,20 @@ def to_parameters(values: Mapping[str, float], names: tuple[str, ...]) -> FloatA
 
 
 def evaluate(compiled: CompiledRig, parameters: FloatArray) -> FloatArray:
-    """Vertices of a compiled rig, `(vertices, 3)`, in millimetres, in plain numpy."""
+    """Compute the vertices of a compiled rig, in plain numpy.
+
+    Parameters
+    ----------
+    compiled
+        The rig, for some vertices.
+    parameters
+        Values, ``(parameters,)``: 0 is rest, 1 the full gesture.
+
+    Returns
+    -------
+    ndarray
+        Positions, ``(vertices, 3)``, millimetres.
+    """
     vertices = compiled.rest.copy()
     for operation, kind in enumerate(compiled.kinds):
         value = parameters[compiled.parameters[operation]]
@@ -181,14 +272,21 @@ def evaluate(compiled: CompiledRig, parameters: FloatArray) -> FloatArray:
 def evaluate_jacobian(
     compiled: CompiledRig, parameters: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Vertices and their derivative by every parameter, in plain numpy.
+    """Compute the vertices of a compiled rig and their derivative, in plain numpy.
+
+    Parameters
+    ----------
+    compiled
+        The rig, for some vertices.
+    parameters
+        Values, ``(parameters,)``: 0 is rest, 1 the full gesture.
 
     Returns
     -------
     vertices
-        `(vertices, 3)`, millimetres.
+        Positions, ``(vertices, 3)``, millimetres.
     jacobian
-        `(vertices, 3, parameters)`, millimetres per unit.
+        Derivative by the parameters, ``(vertices, 3, parameters)``, millimetres a full gesture.
 
     Notes
     -----
@@ -210,10 +308,10 @@ def evaluate_jacobian(
             vertices += value * compiled.fields[operation]
             jacobian[index] += compiled.fields[operation]
         elif kind == Kind.SCALING:
-            own = weight * vector * (vertices - centre)
-            vertices += value * own
+            slope = weight * vector * (vertices - centre)
+            vertices += value * slope
             jacobian *= 1.0 + value * weight * vector
-            jacobian[index] += own
+            jacobian[index] += slope
         else:
             vertices += _turn(vertices - centre, vector, value * weight)
             jacobian += _turn(jacobian, vector, value * weight)
@@ -222,9 +320,9 @@ def evaluate_jacobian(
 
 
 def _turn(points: FloatArray, vector: FloatArray, amounts: FloatArray) -> FloatArray:
-    """How far `amounts` times a rotation vector moves points (Rodrigues' formula).
+    """Return how far `amounts` times a rotation vector moves points (Rodrigues' formula).
 
-    The displacement, not the place, so that a vertex of no weight stays where it is to the bit.
+    The displacement, not the position, so that a vertex of no weight stays where it is to the bit.
     """
     angle = float(np.linalg.norm(vector))
     if angle == 0.0:

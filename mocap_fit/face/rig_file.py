@@ -1,9 +1,9 @@
 """Rig files: a rig as a person writes it (TOML).
 
-A rig file names the mesh it is for, tells where the feature points and regions of that mesh are
-(the built-in head has its own), and lists weights and transforms. ``extends = "parke"`` takes the
-parameters, weights and transforms of the shipped rig, so that a mesh of one's own needs only the
-places they hang on. This is a complete file for a mesh of one's own::
+A rig file names the mesh it is for, says where the feature points and regions of that mesh are
+(those of the built-in head are known), and lists weights and transforms. ``extends = "parke"``
+takes the parameters, weights and transforms of the shipped rig, so that the file of a user's mesh
+needs only the points and regions that they refer to. This is a complete file for a user's mesh::
 
     extends = "parke"
     mesh = "my_face.obj"
@@ -32,7 +32,7 @@ file of the mesh holds several objects, say which is which: ``[parts]`` with ``s
 8.8, 2.4 to 2.9, 2.13, 2.14) and regions (``chin``, ``nose``, ``forehead``, ``scalp``,
 ``upper_lip_skin``, ``lower_lip_skin``, ``mouth_bag_upper``, ``mouth_bag_lower``) make the shares
 of the skin more exact, and with 9.15, the base of the nose, movements up and down are measured by
-the height of the lower face; all are read where the mesh has them. What a file gives itself under
+the height of the lower face; all are read where the mesh has them. What a file itself has under
 ``[parameters]``, ``[weights.NAME]``, ``[points]`` or ``[follow]`` takes the place of the shipped
 entry of that name; ``[[transforms]]`` takes the place of all shipped ones, and then
 ``[parameters]`` does too.
@@ -40,39 +40,37 @@ entry of that name; ``[[transforms]]`` takes the place of all shipped ones, and 
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, Field, Strict, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, Strict, model_validator
 
-from mocap_fit.errors import ConfigurationError, from_os_error
+from mocap_fit.errors import ConfigurationError
 from mocap_fit.face.mesh import Mesh, Part
 from mocap_fit.face.rig_tables import (
     LARGEST,
     AnyPoint,
     Number,
     Region,
-    Strictly,
     Transform,
     Vector,
     Weight,
     check_vertex,
 )
-from mocap_fit.settings_file import first_fault
+from mocap_fit.settings_file import StrictModel, list_shipped, read_toml, validate_settings
 from mocap_fit.tracks import FloatArray
 
-# A feature point given as a position is at most this part of the mesh's extent away from it.
+_PACKAGE, _NOUN = "mocap_fit.face", "rig file"
+# A feature point that is stated as a position is at most this part of the mesh's extent off it.
 _NEAR_THE_MESH = 0.1
 # No lower face is lower than this, for its mouth's width, in proportion to the rig file's.
 _FLATTEST = 0.25
 
 
-def _number_or_position(value: Any) -> Any:
+def _check_number_or_position(value: Any) -> Any:
     if type(value) is int and value >= 0:
         return value
     numbers = isinstance(value, list) and [type(item) in (int, float) for item in value]
@@ -81,12 +79,12 @@ def _number_or_position(value: Any) -> Any:
     raise ValueError("give a vertex number, or a position [x, y, z] of finite numbers")
 
 
-VertexOrPosition = Annotated[int | Vector, BeforeValidator(_number_or_position)]
+VertexOrPosition = Annotated[int | Vector, BeforeValidator(_check_number_or_position)]
 Length = Annotated[float, Strict(), Field(ge=1, le=1000)]
 
 
-class RigFile(Strictly):
-    """A whole rig file.
+class RigFile(StrictModel):
+    """The content of a rig file.
 
     Parameters
     ----------
@@ -97,26 +95,30 @@ class RigFile(Strictly):
         file gives none.
     mesh
         The mesh, a path beside the file; the built-in head when left out.
-    scale, axes
-        How to bring the mesh to millimetres and to the head frame; see `read_mesh`.
+    scale
+        Factor that brings the mesh to millimetres, above 0.
+    axes
+        Which axes of the mesh are the head's x, y and z, such as ``"x z -y"``.
     mouth_width
         The lengths of weights and transforms are for a face whose mouth corners (8.3, 8.4) are
-        this far apart, in millimetres, and are scaled to the mesh.
+        this far apart, 1 to 1000 millimetres, and are scaled to the mesh.
     lower_face_height
         The same for lengths along y: how far the bottom of the chin (2.1) is below the base of the
-        nose (9.15) on that face; see `scales_on`.
+        nose (9.15) on that face, 1 to 1000 millimetres; None where the width serves all axes.
     parts
         Part → what the mesh calls it, such as ``skin = "Head"``. An only part is the skin.
     feature_points
         Where the mesh has them: a vertex number, or a position whose nearest vertex is taken.
     points
-        Named places that weights and transforms can be at, on the mesh or off it.
+        Named points that weights and transforms can be at, on the mesh or off it.
     regions
         Named sets of vertices.
     parameters
         Name → lower and upper bound, in order.
-    weights, transforms
-        See `Weight` and `Transform`; transforms apply in order.
+    weights
+        Name → the share of a transform that each vertex takes.
+    transforms
+        Weighted translations, rotations and scalings, which apply in order.
     follow
         Region → region: vertices that take all the weights of the nearest vertex there; passed
         over where the mesh does not have the first.
@@ -141,25 +143,37 @@ class RigFile(Strictly):
     follow: dict[str, str] = Field(default_factory=dict)
     settings: dict[str, Any] = Field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        return (
+            f"RigFile(kind={self.kind!r}, mesh={self.mesh!r}, {len(self.parameters)} parameters, "
+            f"{len(self.weights)} weights, {len(self.transforms)} transforms)"
+        )
+
     @model_validator(mode="after")
-    def _consistent(self) -> RigFile:
+    def _check_references(self) -> RigFile:
         for name, (lower, upper) in self.parameters.items():
             if not lower <= 0 < upper:
                 raise ValueError(f"parameters.{name}: bounds must hold 0 and leave room above it")
-        if self.extends is not None:
-            # What it names may be in the other file; the two are checked together.
-            return self
+        # With `extends`, what it names may be in the other file; the two are checked together.
+        if self.extends is None:
+            self._check_weights()
+            self._check_transforms()
+        return self
+
+    def _check_weights(self) -> None:
         above: list[str] = []
         for name, weight in self.weights.items():
-            for other, _ in weight.factors():
+            for other, _ in weight.list_factors():
                 if other not in above:
                     raise ValueError(
                         f"weights.{name}.multiply: there is no weight '{other}' above this one; "
                         f"those above are {', '.join(above) or 'none'}"
                     )
             above.append(name)
+
+    def _check_transforms(self) -> None:
         for i, transform in enumerate(self.transforms):
-            for what, names in (("parameter", list(self.parameters)), ("weight", above)):
+            for what, names in (("parameter", self.parameters), ("weight", self.weights)):
                 if getattr(transform, what) not in names:
                     raise ValueError(
                         f"transforms.{i}.{what}: there is no {what} '{getattr(transform, what)}'; "
@@ -168,10 +182,9 @@ class RigFile(Strictly):
         unmoved = [p for p in self.parameters if p not in {t.parameter for t in self.transforms}]
         if self.transforms and unmoved:
             raise ValueError(f"parameters.{unmoved[0]}: no transform is driven by it")
-        return self
 
-    def scales_on(self, mesh: Mesh) -> FloatArray:
-        """Lengths on the mesh of one millimetre of the file along x, y and z, `(3,)`.
+    def compute_scales(self, mesh: Mesh) -> FloatArray:
+        """Compute the lengths on a mesh of one millimetre of the file along x, y and z.
 
         As with the units of MPEG-4's facial animation parameters (ISO/IEC 14496-2), a movement is
         measured by the face it is on: across by the width of the mouth, up and down by the height
@@ -179,13 +192,23 @@ class RigFile(Strictly):
         on a wide face and on a long one. Where the file does not state a height, or the mesh lacks
         the base of the nose (9.15), the width serves all three.
 
+        Parameters
+        ----------
+        mesh
+            The mesh, with the corners of the mouth (8.3, 8.4).
+
+        Returns
+        -------
+        ndarray
+            Millimetres of the mesh in one of the file, along x, y and z, ``(3,)``.
+
         Raises
         ------
         ConfigurationError
             If the corners of the mouth are not a mouth's width apart, or not left and right, or
             the chin is not below the nose.
         """
-        across = self._mouth_width_on(mesh) / self.mouth_width
+        across = self._measure_mouth_width(mesh) / self.mouth_width
         known = "9.15" in mesh.feature_points and "2.1" in mesh.feature_points
         if self.lower_face_height is None or not known:
             return np.full(3, across)
@@ -202,7 +225,7 @@ class RigFile(Strictly):
             )
         return np.array([across, up, (across + up) / 2])
 
-    def _mouth_width_on(self, mesh: Mesh) -> float:
+    def _measure_mouth_width(self, mesh: Mesh) -> float:
         left, right = (mesh.vertices[mesh.get_feature_point(name)] for name in ("8.3", "8.4"))
         width = float(np.linalg.norm(left - right))
         if not 1.0 < width < 1000.0:
@@ -220,28 +243,46 @@ class RigFile(Strictly):
             )
         return width
 
-    def places(self, mesh: Mesh, scales: FloatArray) -> dict[str, FloatArray]:
-        """Where the named points are on the mesh, those that it has the feature points for."""
+    def locate_points(self, mesh: Mesh, scales: FloatArray) -> dict[str, FloatArray]:
+        """Locate the named points on a mesh, those that it has the feature points for.
+
+        Parameters
+        ----------
+        mesh
+            The mesh.
+        scales
+            Millimetres of the mesh in one of the file, along x, y and z, ``(3,)``.
+
+        Returns
+        -------
+        dict
+            Name → position, ``(3,)``, millimetres.
+        """
         return {
-            name: point.on(mesh, scales, {})
+            name: point.locate(mesh, scales, {})
             for name, point in self.points.items()
             if all(other in mesh.feature_points for other in point.at)
         }
 
-    def check_on(self, mesh: Mesh) -> None:
+    def check_mesh(self, mesh: Mesh) -> None:
         """Refuse a mesh that lacks what the rig needs, or whose lips cannot open.
+
+        Parameters
+        ----------
+        mesh
+            The mesh, with the names of this file.
 
         Raises
         ------
         ConfigurationError
-            Naming everything that is missing, each with the first place that needs it.
+            Naming everything that is missing, each with the first setting that needs it.
         """
         missing: dict[str, list[str]] = {}
-        for (kind, name), place in self._needs(mesh).items():
+        for (kind, name), location in self._list_needs(mesh).items():
             known = mesh.feature_points if kind == "feature point" else mesh.regions
             part_there = any(part.name == name for part in mesh.parts)
             if name not in known and not (kind in ("region", "part") and part_there):
-                missing.setdefault(kind, []).append(f"{name} (for {place})")
+                missing.setdefault(kind, []).append(f"{name} (for {location})")
         if missing:
             lists = [
                 f"{kind}{'s' if len(names) > 1 else ''} {', '.join(names)}"
@@ -261,45 +302,54 @@ class RigFile(Strictly):
                 advice="Cut the mesh open between the lips, from corner to corner.",
             )
 
-    def _needs(self, mesh: Mesh) -> dict[tuple[str, str], str]:
-        """Kind and name of what must be on the mesh → the first place that needs it."""
-        needs: dict[tuple[str, str], str] = {}
-
-        def need(kind: str, names: tuple[str, ...], place: str) -> None:
-            for name in names:
-                if kind == "feature point" and name in self.points:
-                    need(kind, self.points[name].at, f"points.{name}")
-                else:
-                    needs.setdefault((kind, name), place)
-
-        need("feature point", ("8.3", "8.4"), "mouth_width")
+    def _list_needs(self, mesh: Mesh) -> dict[tuple[str, str], str]:
+        """Kind and name of what must be on the mesh → the first setting that needs it."""
+        uses: list[tuple[str, Sequence[str], str]] = [
+            ("feature point", ("8.3", "8.4"), "mouth_width")
+        ]
         for name, weight in self.weights.items():
-            need("part", (weight.on,), f"weights.{name}.on")
-            if weight.centre is not None:
-                need("feature point", weight.centre.at, f"weights.{name}.centre")
+            centre = () if weight.centre is None else weight.centre.at
+            uses.append(("part", (weight.on,), f"weights.{name}.on"))
+            uses.append(("feature point", centre, f"weights.{name}.centre"))
             for i, constraint in enumerate(weight.values):
-                place = f"weights.{name}.values.{i}"
-                need("region", constraint.regions, place)
-                need("feature point", constraint.feature_points, place)
-                for point in (constraint.below, constraint.above, constraint.behind):
-                    need("feature point", () if point is None else point.at, place)
+                limits = (constraint.below, constraint.above, constraint.behind)
+                points = [name for point in limits if point is not None for name in point.at]
+                location = f"weights.{name}.values.{i}"
+                uses.append(("region", constraint.regions, location))
+                uses.append(("feature point", (*constraint.feature_points, *points), location))
         for i, transform in enumerate(self.transforms):
-            if transform.centre is not None:
-                need("feature point", transform.centre.at, f"transforms.{i}.centre")
+            centre = () if transform.centre is None else transform.centre.at
+            uses.append(("feature point", centre, f"transforms.{i}.centre"))
         for follower, leader in self.follow.items():
             if mesh.has_region(follower):
-                need("region", (leader,), f"follow.{follower}")
+                uses.append(("region", (leader,), f"follow.{follower}"))
+        needs: dict[tuple[str, str], str] = {}
+        for kind, names, location in uses:
+            for name in names:
+                point = self.points.get(name) if kind == "feature point" else None
+                for other in (name,) if point is None else point.at:
+                    needs.setdefault((kind, other), location if point is None else f"points.{name}")
         return needs
 
-    def named(self, mesh: Mesh) -> Mesh:
-        """The mesh with the parts, feature points and regions of this file.
+    def label_mesh(self, mesh: Mesh) -> Mesh:
+        """Return a mesh with the parts, feature points and regions of this file.
+
+        Parameters
+        ----------
+        mesh
+            The mesh.
+
+        Returns
+        -------
+        Mesh
+            The same one, named.
 
         Raises
         ------
         ConfigurationError
-            If one of them is not on the mesh, with the place in the file.
+            If one of them is not on the mesh, with its location in the file.
         """
-        parts = self._named_parts(mesh)
+        parts = self._rename_parts(mesh)
         points = dict(mesh.feature_points)
         extent = float(np.ptp(mesh.vertices, axis=0).max())
         for name, where in self.feature_points.items():
@@ -320,12 +370,12 @@ class RigFile(Strictly):
         bare = Mesh(mesh.vertices, mesh.triangles, parts, regions, points, mesh.colours)
         for name, region in self.regions.items():
             with add_location(f"regions.{name}"):
-                regions[name] = region.members(bare)
+                regions[name] = region.find_vertices(bare)
                 if regions[name].size == 0:
                     raise ConfigurationError("the region holds no vertex")
         return Mesh(mesh.vertices, mesh.triangles, parts, regions, points, mesh.colours)
 
-    def _named_parts(self, mesh: Mesh) -> tuple[Part, ...]:
+    def _rename_parts(self, mesh: Mesh) -> tuple[Part, ...]:
         for name, theirs in self.parts.items():
             with add_location(f"parts.{name}"):
                 mesh.get_part(theirs)
@@ -339,13 +389,29 @@ class RigFile(Strictly):
 
 
 @contextmanager
-def add_location(place: str) -> Iterator[None]:
-    """Say in errors where in the rig file the fault is."""
+def add_location(location: str) -> Iterator[None]:
+    """Add to errors where in the rig file the fault is.
+
+    Parameters
+    ----------
+    location
+        The keys that lead to it, such as ``weights.jaw``.
+
+    Yields
+    ------
+    None
+        Control, to what reads that setting.
+
+    Raises
+    ------
+    ConfigurationError
+        The one that was raised inside, with the location.
+    """
     try:
         yield
     except ConfigurationError as error:
         raise ConfigurationError(
-            f"the rig file is wrong at {place}: {error.problem}",
+            f"the rig file is wrong at {location}: {error.problem}",
             path=error.path,
             found=error.found,
             expected=error.expected,
@@ -356,14 +422,26 @@ def add_location(place: str) -> Iterator[None]:
 def read_rig_file(path: str | Path) -> RigFile:
     """Read a rig file, or a shipped rig by its name.
 
+    Parameters
+    ----------
+    path
+        The file, or the name of a shipped rig, such as ``parke``.
+
+    Returns
+    -------
+    RigFile
+        With the tables of the rig that it extends.
+
     Raises
     ------
+    FileFormatError
+        If it cannot be read; a `MissingFileError` where there is none.
     ConfigurationError
-        If it cannot be read, is not TOML, or contradicts itself; the message says where.
+        If it is not TOML, or contradicts itself; the message says where.
     """
     name = str(path)
-    content = _content(name)
-    rig_file = _validated(content, name)
+    content = _read_content(name)
+    rig_file = validate_settings(RigFile, content, name, _NOUN)
     if rig_file.extends is None:
         return rig_file
     if rig_file.extends not in list_shipped_rigs():
@@ -373,29 +451,18 @@ def read_rig_file(path: str | Path) -> RigFile:
             found=rig_file.extends,
             expected=f"one of {', '.join(list_shipped_rigs())}",
         )
-    base = _content(rig_file.extends)
+    base = _read_content(rig_file.extends)
     tables = {"weights", "points", "follow"}
-    # Transforms of its own are driven by parameters of its own.
+    # The transforms of the file are driven by its parameters.
     tables |= set() if "transforms" in content else {"parameters"}
     merged = {**base, **content}
     merged |= {key: {**base.get(key, {}), **content.get(key, {})} for key in tables}
     del merged["extends"]
-    return _validated(merged, name)
+    return validate_settings(RigFile, merged, name, _NOUN)
 
 
-def _content(name: str) -> dict[str, Any]:
-    try:
-        if name in list_shipped_rigs():
-            text = resources.files("mocap_fit.face").joinpath(f"{name}.toml").read_text("utf-8")
-        else:
-            text = Path(name).read_text("utf-8")
-        content = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ConfigurationError("the rig file is not TOML", path=name, found=error) from None
-    except (OSError, ValueError) as error:
-        shipped = ", ".join(list_shipped_rigs())
-        advice = f"Give a TOML file, or one of the shipped rigs: {shipped}."
-        raise from_os_error(error, name, "rig file", advice) from None
+def _read_content(name: str) -> dict[str, Any]:
+    content = read_toml(name, package=_PACKAGE, noun=_NOUN)
     points = content.get("feature_points")
     if isinstance(points, dict):
         # TOML reads 8.3 = 17 as a table 8 that holds 3 = 17.
@@ -407,17 +474,12 @@ def _content(name: str) -> dict[str, Any]:
     return content
 
 
-def _validated(content: dict[str, Any], path: str) -> RigFile:
-    try:
-        return RigFile.model_validate(content)
-    except ValidationError as error:
-        place, problem = first_fault(content, error.errors())
-        raise ConfigurationError(
-            f"the rig file is wrong at {place}{': ' if place else ''}{problem}", path=path
-        ) from None
-
-
 def list_shipped_rigs() -> tuple[str, ...]:
-    """Names of the rigs that come with the package."""
-    files = resources.files("mocap_fit.face").iterdir()
-    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
+    """Return the names of the rigs that come with the package.
+
+    Returns
+    -------
+    tuple of str
+        Such as ``("parke",)``.
+    """
+    return list_shipped(_PACKAGE)

@@ -10,29 +10,30 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from mocap_fit.errors import ConfigurationError
 from mocap_fit.face.mesh import IndexArray
 from mocap_fit.tracks import FloatArray
 
 
-def falloff(
+def compute_falloff(
     vertices: FloatArray, centre: FloatArray, radii: FloatArray, plateau: float = 0.0
 ) -> FloatArray:
-    """Weights that fall smoothly from 1 round a centre to 0 on an ellipsoid round it.
+    """Compute weights that fall smoothly from 1 round a centre to 0 on an ellipsoid round it.
 
     Parameters
     ----------
     vertices
-        `(vertices, 3)`, millimetres.
-    centre, radii
-        `(3,)`, millimetres; radii along x, y and z.
+        Positions, ``(vertices, 3)``, millimetres.
+    centre
+        ``(3,)``, millimetres.
+    radii
+        Radii of the ellipsoid along x, y and z, ``(3,)``, millimetres.
     plateau
-        Part of the radius, from 0 to below 1, within which the weight is 1.
+        Part of the radius within which the weight is 1, 0 to below 1.
 
     Returns
     -------
-    FloatArray
-        `(vertices,)`, a cubic smoothstep of the normalised distance.
+    ndarray
+        ``(vertices,)``, 0 to 1: a cubic smoothstep of the normalised distance.
     """
     distance = np.linalg.norm((vertices - centre) / radii, axis=1)
     rest = np.clip((1.0 - distance) / (1.0 - plateau), 0.0, 1.0)
@@ -41,30 +42,57 @@ def falloff(
 
 @dataclass(frozen=True, eq=False)
 class BendingEnergy:
-    """What it costs a field on a mesh to be bent; fields of least cost make good weights.
+    """The energy of bending a field on a mesh; fields of least energy make good weights.
+
+    The energy is the field's squared Laplacian, so that there is no crease at vertices of known
+    value; a field of least energy follows the surface, so the two lips, which touch at rest but are
+    far apart along the skin, do not bleed into each other.
 
     Parameters
     ----------
     matrix
-        `(vertices, vertices)`, symmetric: the squared cotangent Laplacian.
+        The squared cotangent Laplacian, ``(vertices, vertices)``, symmetric.
     pieces
-        `(vertices,)`: which connected piece of the mesh each vertex is on.
+        Which connected piece of the mesh each vertex is on, ``(vertices,)``.
     """
 
     matrix: sparse.csr_matrix
     pieces: NDArray[np.int32]
 
     @classmethod
-    def of(cls, vertices: FloatArray, triangles: IndexArray) -> BendingEnergy:
-        """Of the mesh of `(vertices, 3)` and `(triangles, 3)`."""
-        laplacian, areas = _laplacian(vertices, triangles)
+    def from_mesh(cls, vertices: FloatArray, triangles: IndexArray) -> BendingEnergy:
+        """Compute the energy of a mesh.
+
+        Parameters
+        ----------
+        vertices
+            Positions, ``(vertices, 3)``, millimetres.
+        triangles
+            Vertex indices, ``(triangles, 3)``.
+
+        Returns
+        -------
+        BendingEnergy
+            The energy.
+        """
+        laplacian, areas = _compute_laplacian(vertices, triangles)
         matrix = laplacian.T @ sparse.diags(1.0 / areas) @ laplacian
         return cls(matrix.tocsr(), connected_components(laplacian, directed=False)[1])
 
-    def least(self, known: IndexArray, values: FloatArray) -> FloatArray:
-        """The field that takes given values at some vertices and costs least between.
+    def minimise(self, known: IndexArray, values: FloatArray) -> FloatArray:
+        """Compute the field of least energy with known values at some vertices.
 
-        Parameters are `known` and `values` of `interpolated`, and so is the result.
+        Parameters
+        ----------
+        known
+            Vertex indices, ``(known,)``, each once.
+        values
+            Their values, ``(known,)``, 0 to 1.
+
+        Returns
+        -------
+        ndarray
+            ``(vertices,)``, clipped to 0 to 1; 0 on the pieces of the mesh with no known vertex.
         """
         reached = np.isin(self.pieces, self.pieces[known])
         free = reached.copy()
@@ -86,41 +114,10 @@ class BendingEnergy:
         return np.clip(field, 0.0, 1.0)
 
 
-def interpolated(
-    vertices: FloatArray, triangles: IndexArray, known: IndexArray, values: FloatArray
-) -> FloatArray:
-    """Weights that take given values at some vertices and are as smooth as can be between.
-
-    The bending energy of the field (its squared Laplacian) is least, so that there is no crease
-    at the known vertices; the answer follows the surface, so the two lips, which touch at rest
-    but are far apart along the skin, do not bleed into each other.
-
-    Parameters
-    ----------
-    vertices, triangles
-        The mesh: `(vertices, 3)` and `(triangles, 3)`.
-    known
-        `(known,)`, vertex indices, each once.
-    values
-        `(known,)`, their values, within [0, 1].
-
-    Returns
-    -------
-    FloatArray
-        `(vertices,)`, clipped to [0, 1]; 0 on the pieces of the mesh with no known vertex.
-
-    Raises
-    ------
-    ConfigurationError
-        If no vertex is known.
-    """
-    if len(known) == 0:
-        raise ConfigurationError("a weight field has no vertex of known value")
-    return BendingEnergy.of(vertices, triangles).least(known, values)
-
-
-def _laplacian(vertices: FloatArray, triangles: IndexArray) -> tuple[sparse.csr_matrix, FloatArray]:
-    """The cotangent Laplacian of the mesh, and a third of the area round every vertex."""
+def _compute_laplacian(
+    vertices: FloatArray, triangles: IndexArray
+) -> tuple[sparse.csr_matrix, FloatArray]:
+    """Return the cotangent Laplacian, and a third of the area round every vertex."""
     count = len(vertices)
     areas = np.zeros(count)
     rows, columns, entries = [], [], []
