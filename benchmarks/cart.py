@@ -124,8 +124,8 @@ def made_corpus(utterances: int) -> Corpus:
         values = np.stack([np.interp(times, centres, row) for row in targets.T], axis=1)
         name = f"m{number:04d}"
         phones = PhoneSequence(tuple(segments), phone_set=phone_set.name, name=name)
-        found.append(Utterance.of(ParameterTracks(names, RATE, values, name=name), phones))
-    return Corpus.of(found, phone_set)
+        found.append(Utterance.from_tracks(ParameterTracks(names, RATE, values, name=name), phones))
+    return Corpus.from_utterances(found, phone_set)
 
 
 def simulated_corpus(utterances: int) -> Corpus:
@@ -147,8 +147,8 @@ def simulated_corpus(utterances: int) -> Corpus:
         values += rng.normal(0, NOISE, values.shape)
         split = "test" if number % 10 < 3 else "train"
         tracks = ParameterTracks(face.parameter_names, RATE, values, name=name)
-        found.append(Utterance.of(tracks, phones, split=split))
-    return Corpus.of(found, language.phone_set)
+        found.append(Utterance.from_tracks(tracks, phones, split=split))
+    return Corpus.from_utterances(found, language.phone_set)
 
 
 def real_corpus(data: Path, converted: Path | None) -> Corpus | None:
@@ -168,8 +168,11 @@ def real_corpus(data: Path, converted: Path | None) -> Corpus | None:
 
 def in_memory(corpus: Corpus) -> Corpus:
     """A corpus whose files are not read again."""
-    parts = [Utterance.of(u.tracks, u.phones, id=u.id, split=u.split) for u in corpus]
-    return Corpus.of(parts, corpus.phone_set)
+    parts = [
+        Utterance.from_tracks(u.read_tracks(), u.read_phones(), id=u.id, split=u.split)
+        for u in corpus
+    ]
+    return Corpus.from_utterances(parts, corpus.phone_set)
 
 
 class Task(NamedTuple):
@@ -394,12 +397,12 @@ def run(quick: bool, data: Path, converted: Path | None) -> dict[str, Any]:
     """All that is measured."""
     corpora: list[tuple[str, Corpus, Corpus]] = []
     made = made_corpus(MADE[quick])
-    corpora.append(("made", *made.held_out(0.2, SEED)))
+    corpora.append(("made", *made.hold_out(0.2, SEED)))
     simulated = simulated_corpus(SIMULATED[quick])
-    corpora.append(("simulated", simulated.split("train"), simulated.split("test")))
+    corpora.append(("simulated", simulated.get_split("train"), simulated.get_split("test")))
     real = None if quick else real_corpus(data, converted)
     if real is not None:
-        corpora.append(("grid_s1", real.split("train"), real.split("test")))
+        corpora.append(("grid_s1", real.get_split("train"), real.get_split("test")))
     began = time.perf_counter()
     Cart().fit(simulated.select([u.id for u in simulated][:5]))
     found: dict[str, Any] = {

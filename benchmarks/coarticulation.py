@@ -113,9 +113,9 @@ class Problem:
         )
         values = values + 0.04 * noise / noise.std() + 0.02 * rng.standard_normal(values.shape)
         parts = values.reshape(len(self.phones), FRAMES, -1)
-        return Corpus.of(
+        return Corpus.from_utterances(
             [
-                Utterance.of(ParameterTracks(self.names, RATE, part, name=each.name), each)
+                Utterance.from_tracks(ParameterTracks(self.names, RATE, part, name=each.name), each)
                 for part, each in zip(parts, self.phones, strict=True)
             ],
             self.phone_set,
@@ -136,7 +136,7 @@ def cohen_massaro(problem: Problem, most: int) -> dict[str, Any]:
         [np.zeros((phones, 1)), np.tile([0.0, 0.3, 0.3, 0.2], (phones, 1))], axis=1
     )
     ours = trained("cohen-massaro", corpus)
-    wanted = np.concatenate([each.tracks.values[:, 0] for each in corpus])
+    wanted = np.concatenate([each.read_tracks().values[:, 0] for each in corpus])
     # The peer's targets begin where ours do: at the phones' best for the start's dominances.
     shares = np.zeros((len(wanted), phones))
     prepared = []
@@ -197,7 +197,7 @@ def ohman(problem: Problem, most: int) -> dict[str, Any]:
 
     corpus = problem.corpus(make)
     ours = trained("ohman", corpus)
-    wanted = np.concatenate([each.tracks.values[:, 0] for each in corpus])
+    wanted = np.concatenate([each.read_tracks().values[:, 0] for each in corpus])
     wanted = wanted - wanted.mean()
 
     def value_and_slope(point: FloatArray) -> tuple[float, FloatArray]:

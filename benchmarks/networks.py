@@ -198,7 +198,7 @@ def measure_live(quick: bool) -> dict[str, float]:
     phones = PhoneSequence(tuple(segments), phone_set="sv-sta", name="live")
     tracks = ParameterTracks(ARTICULATORY_PARAMETERS, 60.0, rng.normal(size=(120, 10)), name="a")
     model = control.create("ann-low-latency", epochs=0)
-    model.fit(Corpus.of([Utterance.of(tracks, phones)], chosen))
+    model.fit(Corpus.from_utterances([Utterance.from_tracks(tracks, phones)], chosen))
     stream = model.stream(60.0)
     frames, times = 0, []
     for segment in phones:

@@ -1,164 +1,70 @@
 """A corpus: utterances with their parameters, phones, head motion, markers and sound.
 
 On disk it is a folder that pandas, polars and dask read as it is (DESIGN.md, "On disk"): one file
-an utterance and a table of all, written whole or not at all. Files are read when they are asked
-for, so that a corpus may be larger than the memory. In memory it is made of tracks and phones, as
-`Corpus.of` says; whoever trains or scores a control model does not see the difference.
+an utterance and a table of all, each written completely or not at all. Only the table is read when
+a corpus is opened, and nothing of an utterance stays in memory, so that a corpus may be larger
+than the memory. In memory it is made of tracks and phones (`Corpus.from_utterances`); control
+models and scores do not see the difference.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
+import html
 import itertools
 import os
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 from mocap_fit.atomic_file import write_atomically
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, MissingFileError
-from mocap_fit.phones import (
-    PhoneSequence,
-    PhoneSet,
-    load_phone_set,
-    read_stored_phones,
-    write_phones,
-)
-from mocap_fit.tracks import (
-    MarkerTracks,
-    ParameterTracks,
-    PoseTracks,
-    Provenance,
-    Step,
-    read_parquet,
-    write_parquet,
-)
-from mocap_fit.tracks.parquet_file import damaged, read_table, write_table
+from mocap_fit.phones import PhoneSet, load_phone_set, write_phones
+from mocap_fit.tracks import Provenance, Step, write_parquet
+from mocap_fit.utterance import Utterance as Utterance
+from mocap_fit.utterance import read_utterances, write_utterances
 
 FORMAT_VERSION = 1
-DESCRIPTION_FILE, UTTERANCES_FILE = "corpus.toml", "utterances.parquet"
+DESCRIPTION_FILE = "corpus.toml"
 UNITS = {"length": "mm", "time": "s", "angle": "rad", "parameters": "1 is the full gesture"}
 
-_Kind = TypeVar("_Kind", ParameterTracks, PoseTracks, MarkerTracks)
-_COLUMNS = ("id", "speaker", "session", "split", "duration", "text", "sources", "checks")
 
-
-@dataclass(frozen=True, eq=False)
-class Utterance:
-    """An utterance of a corpus.
-
-    What it holds is read from its files each time it is asked for, or was given by `Utterance.of`.
-
-    Parameters
-    ----------
-    id
-        Unique in the corpus; its files are called so.
-    speaker, session
-        Who, and when.
-    split
-        ``train``, ``validation``, ``test``, or a name of one's own.
-    duration
-        Seconds, of the parameters.
-    text
-        What is said; empty where it is not known.
-    sources
-        The files that it was made of, relative to the root of the conversion.
-    checks
-        What was found in the conversion that a user should know, a line each.
-    folder
-        The corpus's folder; None for an utterance in memory.
-    """
-
-    id: str
-    speaker: str = ""
-    session: str = ""
-    split: str = "train"
-    duration: float = 0.0
-    text: str = ""
-    sources: tuple[str, ...] = ()
-    checks: tuple[str, ...] = ()
-    folder: Path | None = None
-    _given: Mapping[str, Any] = field(default_factory=dict, repr=False)
-
-    @classmethod
-    def of(cls, tracks: ParameterTracks, phones: PhoneSequence, **about: Any) -> Self:
-        """An utterance in memory.
-
-        Parameters
-        ----------
-        tracks, phones
-            Its parameters and its phones, on one clock.
-        about
-            Other fields, such as ``split``; the id is the tracks' name where it is not given.
-        """
-        about = {"id": tracks.name, "duration": tracks.duration, **about}
-        return cls(**about, _given={"tracks": tracks, "phones": phones})
-
-    def _path(self, part: str, ending: str = "parquet") -> Path:
-        if self.folder is None:
-            raise DataError(f"the utterance '{self.id}' is in memory and has no {part}")
-        return self.folder / part / f"{self.id}.{ending}"
-
-    @property
-    def tracks(self) -> ParameterTracks:
-        """The face parameters."""
-        if "tracks" in self._given:
-            given: ParameterTracks = self._given["tracks"]
-            return given
-        return _read_as(self._path("tracks"), ParameterTracks)
-
-    @property
-    def phones(self) -> PhoneSequence:
-        """The labelled phones."""
-        if "phones" in self._given:
-            given: PhoneSequence = self._given["phones"]
-            return given
-        return read_stored_phones(self._path("phones"))
-
-    @property
-    def head(self) -> PoseTracks:
-        """The head's motion that was removed."""
-        return _read_as(self._path("head"), PoseTracks)
-
-    @property
-    def markers(self) -> MarkerTracks:
-        """The markers, as they were recorded."""
-        return _read_as(self._path("markers"), MarkerTracks)
-
-    @property
-    def sound(self) -> Path | None:
-        """The file of its sound; None where it has none."""
-        if self.folder is None:
-            return None
-        path = self._path("audio", "wav")
-        return path if path.is_file() else None
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Corpus:
     """Utterances of one language, one phone set and one set of face parameters.
+
+    Iterating gives the utterances in the order of their ids, ``corpus["ID"]`` gives one, and
+    ``len(corpus)`` is their number. Two corpora are equal if their fields and utterances are,
+    wherever they are stored.
 
     Parameters
     ----------
     utterances
-        By id, in order.
+        The utterances; they are put in the order of their ids.
     phone_set
-        What their phones are written in.
+        The phone set of their phones.
     parameter_names
-        Of the tracks, in order.
+        Names of the parameters of the tracks, in order.
     rate
-        Frames per second of the tracks; None where they differ.
+        Frame rate of the tracks, hertz; None where they differ.
     language
-        BCP 47, such as ``sv``; empty where it is not known.
-    face, layout
-        What the recordings were fitted with; empty where that is not known.
+        BCP 47 tag, such as ``sv``; empty where it is not known.
+    face
+        The face that the recordings were fitted with; empty where it is not known.
+    layout
+        The marker layout of the recordings; empty where it is not known.
     folder
         Where it is on disk; None in memory.
     provenance
-        The steps that led here.
+        The steps that led to it.
+
+    Raises
+    ------
+    DataError
+        If two utterances have one id.
     """
 
     utterances: tuple[Utterance, ...]
@@ -181,27 +87,34 @@ class Corpus:
             raise DataError("two utterances of a corpus have one id", found=", ".join(twice))
 
     @classmethod
-    def of(cls, utterances: Iterable[Utterance], phone_set: PhoneSet | str, **about: Any) -> Self:
-        """A corpus in memory, of utterances in memory.
+    def from_utterances(
+        cls, utterances: Iterable[Utterance], phone_set: PhoneSet | str, **fields: Any
+    ) -> Self:
+        """Return a corpus in memory, of utterances in memory.
 
         Parameters
         ----------
         utterances
-            One or more, of the same parameters.
+            One or more, with the same parameters.
         phone_set
-            A set, or the name of one that is shipped.
-        about
-            Other fields, such as ``language``.
+            A phone set, or the name of one that is shipped.
+        **fields
+            Other fields, such as ``language``, which is that of the phone set by default.
+
+        Returns
+        -------
+        Corpus
+            The utterances in the order of their ids.
 
         Raises
         ------
         DataError
-            If there are none, or their parameters differ.
+            If there is no utterance, or their parameters differ.
         """
-        given = tuple(utterances)
-        if not given:
+        members = tuple(utterances)
+        if not members:
             raise DataError("a corpus in memory needs utterances", found=0, expected="one or more")
-        tracks = [utterance.tracks for utterance in given]
+        tracks = [utterance.read_tracks() for utterance in members]
         names, rates = {t.names for t in tracks}, {t.rate for t in tracks}
         if len(names) > 1:
             raise DataError(
@@ -209,12 +122,12 @@ class Corpus:
                 found=" against ".join(", ".join(each) for each in sorted(names)),
             )
         chosen = load_phone_set(phone_set) if isinstance(phone_set, str) else phone_set
-        about = {
+        fields = {
             "language": chosen.language,
             "rate": rates.pop() if len(rates) == 1 else None,
-            **about,
+            **fields,
         }
-        return cls(given, phone_set=chosen, parameter_names=names.pop(), **about)
+        return cls(members, phone_set=chosen, parameter_names=names.pop(), **fields)
 
     def __len__(self) -> int:
         return len(self.utterances)
@@ -231,13 +144,56 @@ class Corpus:
             expected=f"one of {', '.join(u.id for u in self.utterances)}",
         )
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Corpus):
+            return NotImplemented
+        names = (each.name for each in dataclasses.fields(Corpus) if each.name != "folder")
+        return all(getattr(self, name) == getattr(other, name) for name in names)
+
+    def __hash__(self) -> int:
+        return hash((self.language, self.utterances))
+
+    def _describe(self) -> list[tuple[str, int, float]]:
+        """Return the name, the number of utterances and the seconds of every split."""
+        parts = [(name, [u for u in self if u.split == name]) for name in self.splits]
+        return [(name, len(part), sum(u.duration for u in part)) for name, part in parts]
+
+    def __repr__(self) -> str:
+        splits = ", ".join(f"{name} {count}" for name, count, _ in self._describe())
+        rate = "several rates" if self.rate is None else f"{self.rate:g} Hz"
+        return (
+            f"Corpus of {len(self)} utterances ({splits}), "
+            f"{sum(u.duration for u in self):.1f} s\n"
+            f"  phone set '{self.phone_set.name}', {len(self.parameter_names)} parameters, {rate}"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><td>{html.escape(name)}</td><td>{count}</td><td>{seconds:.1f}</td></tr>"
+            for name, count, seconds in self._describe()
+        )
+        return (
+            f"<pre>{html.escape(repr(self))}</pre><table><thead><tr><th>split</th>"
+            f"<th>utterances</th><th>seconds</th></tr></thead><tbody>{rows}</tbody></table>"
+        )
+
     @property
     def splits(self) -> tuple[str, ...]:
         """Names of its splits, sorted."""
         return tuple(sorted({utterance.split for utterance in self.utterances}))
 
-    def split(self, name: str) -> Self:
-        """The utterances of one split.
+    def get_split(self, name: str) -> Self:
+        """Return the utterances of one split.
+
+        Parameters
+        ----------
+        name
+            Name of the split, such as ``train``.
+
+        Returns
+        -------
+        Corpus
+            Its utterances, with all else as it is.
 
         Raises
         ------
@@ -253,14 +209,43 @@ class Corpus:
         return dataclasses.replace(self, utterances=part)
 
     def select(self, names: Sequence[str]) -> Self:
-        """The named utterances."""
+        """Return the named utterances.
+
+        Parameters
+        ----------
+        names
+            Ids of utterances.
+
+        Returns
+        -------
+        Corpus
+            These utterances, with all else as it is.
+
+        Raises
+        ------
+        DataError
+            If there is no utterance of a name.
+        """
         return dataclasses.replace(self, utterances=tuple(self[name] for name in names))
 
-    def held_out(self, fraction: float, seed: int = 0) -> tuple[Self, Self]:
-        """Two parts: most utterances, and about a fraction that is drawn by their names.
+    def hold_out(self, fraction: float, seed: int = 0) -> tuple[Self, Self]:
+        """Divide the utterances into most of them and a part that is drawn by their ids.
 
         An utterance's part depends on its id and the seed alone, and stays when others are added.
-        The second part has one utterance at least, and so has the first.
+
+        Parameters
+        ----------
+        fraction
+            The share of utterances in the second part, 0 to 1; each part has at least one.
+        seed
+            Another seed draws other utterances.
+
+        Returns
+        -------
+        Corpus
+            The first part, with most of the utterances.
+        Corpus
+            The second part, with about the fraction of them.
 
         Raises
         ------
@@ -271,8 +256,8 @@ class Corpus:
             raise DataError(
                 "a part cannot be held out", found=f"{len(self)} utterances", expected="two or more"
             )
-        ranked = sorted(self.utterances, key=lambda u: drawn(u.id, seed))
-        count = sum(drawn(u.id, seed) < fraction for u in ranked)
+        ranked = sorted(self.utterances, key=lambda u: draw_fraction(u.id, seed))
+        count = sum(draw_fraction(u.id, seed) < fraction for u in ranked)
         count = min(max(count, 1), len(ranked) - 1)
         return (
             dataclasses.replace(self, utterances=tuple(ranked[count:])),
@@ -280,24 +265,64 @@ class Corpus:
         )
 
 
-def drawn(name: str, seed: int) -> float:
-    """A number in [0, 1) that depends on a name and a seed alone."""
+def draw_fraction(name: str, seed: int) -> float:
+    """Draw a number that depends on a name and a seed alone.
+
+    Parameters
+    ----------
+    name
+        Such as the id of an utterance.
+    seed
+        Another seed draws other numbers.
+
+    Returns
+    -------
+    float
+        In [0, 1).
+    """
     digest = hashlib.sha256(f"{seed}\0{name}".encode()).digest()
     return int.from_bytes(digest[:8], "big") / 2**64
 
 
 def open_corpus(path: str | os.PathLike[str]) -> Corpus:
-    """Open a corpus on disk; its utterances are read when they are asked for.
+    """Open a corpus on disk, without reading the files of its utterances.
 
     Parameters
     ----------
     path
         The folder that ``mocap-fit convert`` wrote.
 
+    Returns
+    -------
+    Corpus
+        Its utterances read their files when `Utterance.read_tracks` and the like are called.
+
     Raises
     ------
     FileFormatError
-        If it is no corpus, its description or its table is damaged, or of a later format.
+        If it is no corpus, its description or its table is damaged, or its format is a later one.
+
+    See Also
+    --------
+    control.create : Create a control model that is trained on a corpus.
+    evaluate : Score control models on the utterances of a corpus.
+
+    Examples
+    --------
+    A corpus of one utterance, written to a new folder and opened:
+
+    >>> import mocap_fit as mf
+    >>> from mocap_fit.control.rule_based import RuleBased
+    >>> from mocap_fit.corpus import Corpus, Utterance, save_corpus
+    >>> phones = mf.read_phones(mf.load_sample("take_01.TextGrid"), phone_set="sv-sta")
+    >>> tracks = mf.synthesise(phones, RuleBased().ready("sv-sta")).replace(name="take_01")
+    >>> save_corpus(Corpus.from_utterances([Utterance.from_tracks(tracks, phones)], "sv-sta"), "sv")
+    >>> corpus = mf.open_corpus("sv")
+    >>> corpus
+    Corpus of 1 utterances (train 1), 3.1 s
+      phone set 'sv-sta', 10 parameters, 60 Hz
+    >>> corpus["take_01"].read_tracks().frames
+    185
     """
     folder = Path(path)
     description = folder / DESCRIPTION_FILE
@@ -361,9 +386,9 @@ def write_corpus(corpus: Corpus, folder: Path, phone_set_file: str | None = None
     corpus
         What is described.
     folder
-        Where; it exists.
+        An existing folder.
     phone_set_file
-        For a phone set of one's own, the name of its file in the folder.
+        Name of a file in the folder that has the phone set, where it is not a shipped one.
 
     Raises
     ------
@@ -395,7 +420,7 @@ def save_corpus(corpus: Corpus, folder: str | os.PathLike[str]) -> None:
     Parameters
     ----------
     corpus
-        Its phone set is one that is shipped.
+        The corpus; its phone set must be a shipped one.
     folder
         A new folder; its parent exists.
 
@@ -414,55 +439,8 @@ def save_corpus(corpus: Corpus, folder: str | os.PathLike[str]) -> None:
             "the folder for the corpus cannot be made", path=folder, found=error.strerror
         ) from None
     for utterance in corpus:
-        tracks = utterance.tracks.replace(name=utterance.id)
+        tracks = utterance.read_tracks().replace(name=utterance.id)
         write_parquet(tracks, target / "tracks" / f"{utterance.id}.parquet")
-        phones = utterance.phones.replace(name=utterance.id)
+        phones = utterance.read_phones().replace(name=utterance.id)
         write_phones(phones, target / "phones" / f"{utterance.id}.parquet")
     write_corpus(corpus, target)
-
-
-def write_utterances(utterances: Iterable[Utterance], folder: Path) -> None:
-    """Write the table of a corpus's utterances."""
-    import pyarrow as pa
-
-    rows = list(utterances)
-    strings = pa.list_(pa.string())
-    types = (*[pa.string()] * 4, pa.float64(), pa.string(), strings, strings)
-    columns = {
-        name: pa.array([getattr(row, name) for row in rows], type=kind)
-        for name, kind in zip(_COLUMNS, types, strict=True)
-    }
-    write_table(columns, {"kind": "utterances"}, folder / UTTERANCES_FILE)
-
-
-def read_utterances(folder: Path) -> tuple[Utterance, ...]:
-    """The utterances that the table of a corpus lists.
-
-    Raises
-    ------
-    FileFormatError
-        If the table cannot be read, or is none of a corpus.
-    """
-    path = folder / UTTERANCES_FILE
-    table, _ = read_table(path, ("utterances",), "utterances", "Convert the recordings again.")
-    try:
-        rows = table.select(list(_COLUMNS)).to_pylist()
-        lists = ("sources", "checks")
-        return tuple(
-            Utterance(**row | {name: tuple(row[name]) for name in lists}, folder=folder)
-            for row in rows
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise damaged(path, error) from None
-
-
-def _read_as(path: Path, kind: type[_Kind]) -> _Kind:
-    tracks = read_parquet(path)
-    if not isinstance(tracks, kind):
-        raise FileFormatError(
-            "this file holds something else than its folder says",
-            path=path,
-            found=type(tracks).__name__,
-            expected=kind.__name__,
-        )
-    return tracks

@@ -31,6 +31,7 @@ ROOMS = {
         "io",
         "labels",
         "sound",
+        "utterance",
         "corpus",
         "edits",
         "head",

@@ -13,14 +13,13 @@ from corpus_tools.conversion.utterance import AUDIO, PARTS, Outcome
 from mocap_fit.atomic_file import make_folder, write_atomically
 from mocap_fit.corpus import (
     DESCRIPTION_FILE,
-    UTTERANCES_FILE,
     Corpus,
     Utterance,
-    read_utterances,
     write_corpus,
 )
 from mocap_fit.errors import ConfigurationError, MocapFitError
 from mocap_fit.tracks import Step
+from mocap_fit.utterance import UTTERANCES_FILE, read_utterances
 
 # Says that the folder is one of ours, also while there is no corpus in it yet: what does not
 # belong to a corpus is removed from it, and nobody's recordings must be.

@@ -68,7 +68,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator as After
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from mocap_fit.corpus import drawn
+from mocap_fit.corpus import draw_fraction
 from mocap_fit.errors import ConfigurationError, from_os_error
 from mocap_fit.fitting.objective import OBJECTIVES, Objective
 from mocap_fit.fitting.solving import SOLVERS
@@ -345,7 +345,9 @@ def _with_splits(
 ) -> tuple[Entry, ...]:
     """Give a split to those that have none, by numbers that depend on their names alone."""
     names = [entry.id for entry in found if not entry.split]
-    new = sorted((n for n in names if n not in former), key=lambda name: drawn(name, splits.seed))
+    new = sorted(
+        (n for n in names if n not in former), key=lambda name: draw_fraction(name, splits.seed)
+    )
     there = sum(former.get(name) == "test" for name in names)
     test = set(new[: max(0, round(splits.test_fraction * len(names)) - there)])
     return tuple(

@@ -155,7 +155,7 @@ def _sections(fits: FitPart, talk: TalkPart, out: Path) -> list[str]:
     parts = []
     if talk.movie is not None:
         parts.append(page.picture(talk.movie, f"“{talk.text}”: {', '.join(talk.heads)}."))
-    counts = {split: len(talk.corpus.split(split)) for split in talk.corpus.splits}
+    counts = {split: len(talk.corpus.get_split(split)) for split in talk.corpus.splits}
     parts += [
         page.paragraph(
             f"A simulated speaker says {len(talk.corpus)} Swedish sentences with 35 markers on. "

@@ -111,7 +111,7 @@ def talk_part(
         convert.run(session / "manifest.toml", out=folder, jobs=1)
     corpus = open_corpus(folder)
     models = {model.title: model for model in _trained(corpus, out / "models", epochs)}
-    test = corpus.split("test")
+    test = corpus.get_split("test")
     with console.progress("scoring sentences", len(test)) as advance:
         result = evaluate(test, models, progress=advance)
     shown = max(test, key=lambda utterance: (utterance.duration < 4.0, utterance.duration))
@@ -120,18 +120,18 @@ def talk_part(
         result, models, shown, "jaw_rotation", out / "evaluation", scoring.title_of(corpus, "test")
     )
     best, rules = _shown_models(result, models)
-    heads: dict[str, ParameterTracks] = {"measured": shown.tracks}
+    heads: dict[str, ParameterTracks] = {"measured": shown.read_tracks()}
     for name in (best, rules):
-        model, tracks = models[name], shown.tracks
+        model, tracks = models[name], shown.read_tracks()
         heads[name] = model.predict(
-            shown.phones, tracks.rate, start_time=tracks.start_time, frames=tracks.frames
+            shown.read_phones(), tracks.rate, start_time=tracks.start_time, frames=tracks.frames
         )
     movie = out / MOVIE if can_film else None
     if movie is not None:
         _film(movie, heads, shown)
     report = {
         "sentences": sentences,
-        "utterances": {split: len(corpus.split(split)) for split in corpus.splits},
+        "utterances": {split: len(corpus.get_split(split)) for split in corpus.splits},
         "network_epochs_at_most": epochs,
         "scores": result.to_dict(),
         "movie": None if movie is None else {"sentence": shown.text, "heads": list(heads)},
@@ -162,16 +162,16 @@ def _shown_models(result: Evaluation, models: dict[str, ControlModel]) -> tuple[
 def _film(path: Path, heads: dict[str, ParameterTracks], shown: Any) -> None:
     from mocap_fit.render import render_movie
 
-    duration = shown.tracks.start_time + shown.duration
+    duration = shown.read_tracks().start_time + shown.duration
     frames = round(duration * _RATE)
     with console.progress("drawing the talking heads", max(1, frames)) as advance:
         render_movie(
             heads,
             path,
-            sound=shown.sound,
+            sound=shown.sound_file,
             rate=_RATE,
             size=(_HEADS, _HEADS),
-            phones=shown.phones,
+            phones=shown.read_phones(),
             subtitles=True,
             curves=("jaw_rotation", "lip_rounding"),
             blinks=True,

@@ -177,8 +177,8 @@ def _corpus(path: str | os.PathLike[str], folder: Path) -> dict[str, Any]:
     splits = [
         {
             "split": name,
-            "utterances": len(corpus.split(name)),
-            "duration": sum(u.duration for u in corpus.split(name)),
+            "utterances": len(corpus.get_split(name)),
+            "duration": sum(u.duration for u in corpus.get_split(name)),
         }
         for name in corpus.splits
     ]

@@ -85,11 +85,15 @@ def simulated_corpus(
             face.parameter_names, _RATE, speaker.say(phones, times, moving), name=name
         )
         split = "test" if is_test(i) else "train"
-        about = {"split": split, "speaker": "simulated", "text": sentence.text}
-        said.append(Utterance.of(tracks, phones.replace(phone_set=known.phone_set.name), **about))
+        phones = phones.replace(phone_set=known.phone_set.name)
+        said.append(
+            Utterance.from_tracks(
+                tracks, phones, split=split, speaker="simulated", text=sentence.text
+            )
+        )
         if progress is not None:
             progress()
-    return Corpus.of(said, known.phone_set, language=language, face="built-in")
+    return Corpus.from_utterances(said, known.phone_set, language=language, face="built-in")
 
 
 def folder() -> Path:
@@ -188,7 +192,7 @@ def scored(corpus: Corpus, models: Mapping[str, ControlModel]) -> Evaluation:
     from mocap_fit.evaluation import evaluate
 
     rules = RuleBased().ready(corpus.phone_set, corpus.parameter_names)
-    test = corpus.split("test")
+    test = corpus.get_split("test")
     with console.progress("scoring sentences", len(test)) as advance:
         return evaluate(test, {RULE_BASED: rules, **models}, resamples=200, progress=advance)
 

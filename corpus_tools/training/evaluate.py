@@ -72,7 +72,7 @@ def run(
         Print the scores as JSON.
     """
     whole = open_corpus(corpus)
-    scored = whole if split == "all" else whole.split(split)
+    scored = whole if split == "all" else whole.get_split(split)
     loaded = named(models)
     shown = scored.utterances[0] if utterance is None else scored[utterance]
     drawn = parameter or (
@@ -147,7 +147,7 @@ def write(
     for name, frame in tables.items():
         write_text(out / name, frame.to_csv(index=False, float_format="%.6g"))
     write_text(out / "evaluation.json", console.json_text(result.to_dict()) + "\n")
-    tracks, phones = shown.tracks, shown.phones
+    tracks, phones = shown.read_tracks(), shown.read_phones()
     predictions = {name: m.predict_at(phones, tracks.times) for name, m in models.items()}
     calls: dict[str, tuple[Any, ...]] = {
         "scores": (figures.score_figure, result),

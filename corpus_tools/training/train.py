@@ -157,10 +157,10 @@ def parts(
         How much of the training sentences is held out, and the draw.
     """
     if protocol == "paper":
-        return corpus.split("train"), corpus.split("test")
+        return corpus.get_split("train"), corpus.get_split("test")
     if "validation" in corpus.splits:
-        return corpus.split("train"), corpus.split("validation")
-    return corpus.split("train").held_out(fraction, seed)
+        return corpus.get_split("train"), corpus.get_split("validation")
+    return corpus.get_split("train").hold_out(fraction, seed)
 
 
 def parsed(settings: Sequence[str]) -> dict[str, Any]:

@@ -20,12 +20,13 @@ from corpus_tools.validation.reading import FOLDERS, failed, read_utterance
 from corpus_tools.validation.subject import Context, Subject, Summary, check_subject
 from corpus_tools.validation.tables import check_table, read_frame
 from corpus_tools.validation.thresholds import Thresholds
-from mocap_fit.corpus import DESCRIPTION_FILE, UTTERANCES_FILE, Corpus, Utterance, open_corpus
+from mocap_fit.corpus import DESCRIPTION_FILE, Corpus, Utterance, open_corpus
 from mocap_fit.errors import MocapFitError
 from mocap_fit.face import Rig, load_face
 from mocap_fit.fitting import Layout, load_layout
 from mocap_fit.tracks import Provenance
 from mocap_fit.tracks.parquet_file import read_description
+from mocap_fit.utterance import UTTERANCES_FILE
 
 # Files that are no part of a corpus and yet no rest: others keep notes beside their data.
 _ALLOWED = re.compile(r"readme.*|licen[cs]e.*|.*\.md|.*\.txt", re.IGNORECASE)

@@ -194,7 +194,7 @@ class ControlModel(abc.ABC):
         before = dict(vars(self))
         self.parameter_names_ = corpus.parameter_names
         self.phone_set_ = corpus.phone_set
-        first = corpus.utterances[0].tracks
+        first = corpus.utterances[0].read_tracks()
         self.rate_ = corpus.rate if corpus.rate is not None else first.rate
         self.trained_on_ = {
             "language": corpus.language,

@@ -24,7 +24,7 @@ from mocap_fit.control.training import (
     recordings,
     root_mean_square,
 )
-from mocap_fit.corpus import Corpus, drawn
+from mocap_fit.corpus import Corpus, draw_fraction
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.phones import PhoneSequence
 from mocap_fit.tracks import FloatArray
@@ -50,9 +50,9 @@ class Mean(ControlModel):
         progress: Progress,
         checkpoint: Path | None,
     ) -> None:
-        values = [utterance.tracks.values for utterance in corpus]
+        values = [utterance.read_tracks().values for utterance in corpus]
         self.mean_: FloatArray = mean_values(np.concatenate(values))
-        there = [] if validation is None else [u.tracks.values for u in validation]
+        there = [] if validation is None else [u.read_tracks().values for u in validation]
         progress(
             LogEntry(
                 1,
@@ -205,7 +205,7 @@ class Ridge(ControlModel):
         if held is not None:
             parts = [(list(data), list(held))]
         else:
-            folds = [int(drawn(utterance.id, 0) * _FOLDS) for utterance in corpus]
+            folds = [int(draw_fraction(utterance.id, 0) * _FOLDS) for utterance in corpus]
             pairs = list(zip(folds, data, strict=True))
             parts = [
                 ([r for at, r in pairs if at != fold], [r for at, r in pairs if at == fold])

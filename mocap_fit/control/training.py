@@ -57,7 +57,7 @@ class Symbols:
     @classmethod
     def of(cls, corpus: Corpus, stress: bool) -> Symbols:
         """The symbols of a corpus's phone set; of a set without end, those that the corpus has."""
-        used = [segment for utterance in corpus for segment in utterance.phones]
+        used = [segment for utterance in corpus for segment in utterance.read_phones()]
         names = symbol_names(corpus.phone_set, stress, (segment.phone for segment in used))
         found = {corpus.phone_set.get_symbol(segment, stress) for segment in used}
         seen = np.array([name in found for name in names])
@@ -149,7 +149,7 @@ def recordings(
     """
     found = []
     for utterance in corpus:
-        phones, tracks = utterance.phones, utterance.tracks
+        phones, tracks = utterance.read_phones(), utterance.read_tracks()
         if not len(phones):
             raise DataError(f"the utterance '{utterance.id}' has no phones")
         values = tracks.values

@@ -244,7 +244,7 @@ def evaluate(
     sums = np.zeros((len(corpus), len(models), len(GROUPS), count, SUMS))
     gaps: dict[str, list[Gaps]] = {name: [] for name in ("target", *models)}
     for u, utterance in enumerate(corpus):
-        tracks, phones = utterance.tracks, utterance.phones
+        tracks, phones = utterance.read_tracks(), utterance.read_phones()
         groups = frame_groups(phones, corpus.phone_set, tracks.times)
         predicted = {name: m.predict_at(phones, tracks.times) for name, m in models.items()}
         for i, values in enumerate(predicted.values()):
@@ -299,5 +299,5 @@ def _extent(corpus: Corpus) -> tuple[FloatArray, FloatArray, FloatArray, tuple[i
 
 
 def _scored(corpus: Corpus, utterance: Utterance) -> tuple[FloatArray, Any]:
-    tracks = utterance.tracks
-    return tracks.values, frame_groups(utterance.phones, corpus.phone_set, tracks.times)
+    tracks = utterance.read_tracks()
+    return tracks.values, frame_groups(utterance.read_phones(), corpus.phone_set, tracks.times)

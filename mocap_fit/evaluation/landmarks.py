@@ -124,7 +124,7 @@ def landmark_scores(
     sums = np.zeros((len(corpus), len(names), 1, len(MEASURES), SUMS))
     frames = 0
     for i, utterance in enumerate(corpus):
-        tracks, phones = utterance.tracks, utterance.phones
+        tracks, phones = utterance.read_tracks(), utterance.read_phones()
         target = mouth.of_markers(still[utterance.id], turned[_place(utterance)])
         speech = frame_groups(phones, corpus.phone_set, tracks.times)[:1]
         fitted = np.asarray(np.isfinite(tracks.values).all(axis=1))
@@ -166,7 +166,7 @@ def _mean(values: FloatArray) -> FloatArray:
 def _still(utterance: Utterance, layout: Layout, first: Utterance) -> MarkerTracks:
     """The markers without head motion, in the head's place in the session's first recording."""
     names = [marker.name for marker in layout.head_markers]
-    shown = first.markers
+    shown = first.read_markers()
     whole = shown.visible[:, shown.indices(names)].all(axis=1)
     if not whole.any():
         raise DataError(
@@ -176,7 +176,7 @@ def _still(utterance: Utterance, layout: Layout, first: Utterance) -> MarkerTrac
     reference = shown.replace(
         positions=shown.positions[frame : frame + 1], origin=shown.origin[frame : frame + 1]
     )
-    recording = utterance.markers
+    recording = utterance.read_markers()
     with warnings.catch_warnings():
         # Whoever converted the corpus has been told of frames without a head pose.
         warnings.simplefilter("ignore", MocapFitWarning)

@@ -74,8 +74,8 @@ def corpus(
         times = np.arange(frames) / (RATE * 10)
         found = np.clip(phones.at(times + 1e-9), 0, None)
         tracks = ParameterTracks(names, RATE * 10, values[found], name=phones.name)
-        utterances.append(Utterance.of(tracks, phones))
-    return Corpus.of(utterances, phone_set)
+        utterances.append(Utterance.from_tracks(tracks, phones))
+    return Corpus.from_utterances(utterances, phone_set)
 
 
 def neighbour(phones, i, at):

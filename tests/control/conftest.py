@@ -22,10 +22,10 @@ def small_corpus() -> Corpus:
 @pytest.fixture(scope="session")
 def small_validation() -> Corpus:
     utterances = [
-        Utterance.of(moved(phones), phones)
+        Utterance.from_tracks(moved(phones), phones)
         for phones in (spoken(s, 90 + k) for k, s in enumerate(SENTENCES[6:]))
     ]
-    return Corpus.of(utterances, "sv-sta")
+    return Corpus.from_utterances(utterances, "sv-sta")
 
 
 @pytest.fixture(scope="session")

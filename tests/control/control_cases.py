@@ -78,8 +78,8 @@ def corpus_of(sentences, phone_set="sv-sta", names=NAMES, start: float = 0.0, ra
     utterances = []
     for seed, sentence in enumerate(sentences):
         phones = spoken(sentence, seed, chosen, start)
-        utterances.append(Utterance.of(moved(phones, names, rate, chosen), phones))
-    return Corpus.of(utterances, chosen)
+        utterances.append(Utterance.from_tracks(moved(phones, names, rate, chosen), phones))
+    return Corpus.from_utterances(utterances, chosen)
 
 
 def made(name: str) -> control.ControlModel:

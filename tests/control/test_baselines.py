@@ -17,13 +17,14 @@ from mocap_fit.tracks import ParameterTracks
 
 def error_of(model, corpus) -> float:
     apart = [
-        model.predict_at(u.phones, u.tracks.times) - u.tracks.values for u in corpus.utterances
+        model.predict_at(u.read_phones(), u.read_tracks().times) - u.read_tracks().values
+        for u in corpus.utterances
     ]
     return float(np.sqrt(np.mean(np.concatenate(apart) ** 2)))
 
 
 def test_the_mean_is_that_of_all_frames(small_corpus):
-    values = np.concatenate([u.tracks.values for u in small_corpus])
+    values = np.concatenate([u.read_tracks().values for u in small_corpus])
     model = control.create("mean").fit(small_corpus)
     np.testing.assert_allclose(
         model.predict(spoken("sil 'A: sil", 1)).values[3], values.mean(axis=0)
@@ -41,8 +42,9 @@ def test_phone_means_stand_at_centres_with_straight_lines_between():
     values = np.where(phones.phones == "S", 0, 0) + np.where(
         (times >= 0.4) & (times < 0.8), 2.0, 1.0
     )
-    corpus = Corpus.of(
-        [Utterance.of(ParameterTracks(("x",), 50.0, values[:, None], name="u"), phones)], "sv-sta"
+    corpus = Corpus.from_utterances(
+        [Utterance.from_tracks(ParameterTracks(("x",), 50.0, values[:, None], name="u"), phones)],
+        "sv-sta",
     )
     model = control.create("phone-mean").fit(corpus)
     found = model.predict_at(phones, np.array([0.0, 0.2, 0.4, 0.6, 0.75, 0.9, 1.5]))
@@ -63,16 +65,19 @@ def test_ridge_finds_a_linear_truth_and_does_not_let_the_penalty_act_on_the_mean
     model = Ridge(context=2, penalty=1.0).fit(corpus)
     model.weights_ = rng.normal(0, 1, model.weights_.shape)
     made = [
-        Utterance.of(
-            u.tracks.replace(values=model.predict_at(u.phones, u.tracks.times) + 5.0), u.phones
+        Utterance.from_tracks(
+            u.read_tracks().replace(
+                values=model.predict_at(u.read_phones(), u.read_tracks().times) + 5.0
+            ),
+            u.read_phones(),
         )
         for u in corpus
     ]
-    truth = Corpus.of(made, "sv-sta")
+    truth = Corpus.from_utterances(made, "sv-sta")
     assert error_of(Ridge(context=2, penalty=1e-6).fit(truth), truth) < 1e-5
     heavy = Ridge(context=2, penalty=1e12).fit(truth)
-    mean = np.concatenate([u.tracks.values for u in truth]).mean(axis=0)
-    np.testing.assert_allclose(heavy.predict(made[0].phones).values[0], mean, atol=1e-3)
+    mean = np.concatenate([u.read_tracks().values for u in truth]).mean(axis=0)
+    np.testing.assert_allclose(heavy.predict(made[0].read_phones()).values[0], mean, atol=1e-3)
 
 
 def test_the_penalty_is_chosen_on_what_was_held_out():
@@ -96,10 +101,14 @@ def test_parameters_that_miss_other_frames_do_not_disturb_each_other():
     whole = Ridge(context=2, penalty=3.0).fit(corpus)
     holes = []
     for utterance in corpus:
-        values = utterance.tracks.values.copy()
+        values = utterance.read_tracks().values.copy()
         values[::3, 4] = np.nan
-        holes.append(Utterance.of(utterance.tracks.replace(values=values), utterance.phones))
-    partly = Ridge(context=2, penalty=3.0).fit(Corpus.of(holes, "sv-sta"))
+        holes.append(
+            Utterance.from_tracks(
+                utterance.read_tracks().replace(values=values), utterance.read_phones()
+            )
+        )
+    partly = Ridge(context=2, penalty=3.0).fit(Corpus.from_utterances(holes, "sv-sta"))
     others = [k for k in range(len(NAMES)) if k != 4]
     np.testing.assert_allclose(partly.weights_[:, others], whole.weights_[:, others], atol=1e-9)
     assert np.abs(partly.weights_[:, 4] - whole.weights_[:, 4]).max() > 1e-6
@@ -139,7 +148,7 @@ def test_phone_means_of_phones_without_frames_are_the_mean():
     corpus = corpus_of(["sil 'A: S sil"])
     symbols = Symbols.of(corpus, True)
     means = phone_means(recordings(corpus, symbols), len(symbols))
-    values = corpus.utterances[0].tracks.values
+    values = corpus.utterances[0].read_tracks().values
     unheard = symbols.names.index("P")
     np.testing.assert_allclose(means[unheard], values.mean(axis=0))
 
@@ -161,7 +170,7 @@ def test_frames_far_in_a_pause_can_be_left_out():
 def test_an_utterance_without_phones_cannot_be_trained_on():
     phones = PhoneSequence((), phone_set="sv-sta", name="empty")
     tracks = moved(spoken("sil 'A: sil", 1)).replace(name="empty")
-    corpus = Corpus.of([Utterance.of(tracks, phones)], "sv-sta")
+    corpus = Corpus.from_utterances([Utterance.from_tracks(tracks, phones)], "sv-sta")
     for name in ("phone-mean", "ridge", "cohen-massaro", "ohman"):
         with pytest.raises(DataError, match="'empty' has no phones"):
             control.create(name).fit(corpus)
@@ -194,7 +203,7 @@ def test_a_training_that_was_broken_off_goes_on_where_it_was(name, small_corpus,
     write_model_file(header, {**arrays, NAMES[0]: arrays[NAMES[0]] + 1.0}, path)
     changed = control.create(name, **settings).fit(corpus, checkpoint=path)
     whole = control.load(tmp_path / "whole.npz")
-    phones = corpus.utterances[0].phones
+    phones = corpus.utterances[0].read_phones()
     apart = changed.predict(phones).values - whole.predict(phones).values
     assert np.abs(apart[:, 0]).max() > 0.1
     np.testing.assert_array_equal(apart[:, 1:], 0)

@@ -189,9 +189,11 @@ def test_silence_without_examples_is_rest():
         return 0.5, 0.5, 0.5
 
     spoken = corpus(rule, count=3)
-    without = Corpus.of(
+    without = Corpus.from_utterances(
         [
-            Utterance.of(u.tracks, u.phones.replace(segments=u.phones.segments[1:-1]))
+            Utterance.from_tracks(
+                u.read_tracks(), u.read_phones().replace(segments=u.read_phones().segments[1:-1])
+            )
             for u in spoken
         ],
         SWEDISH,
@@ -210,14 +212,19 @@ def test_one_example_of_each_phone_is_its_target(pruning):
         return 0.1 * i, 0.2, -0.1 * i
 
     small = corpus(rule, count=1, length=3, vocabulary=["A"])
-    small = Corpus.of(
-        [Utterance.of(u.tracks, u.phones.replace(segments=u.phones.segments[:2])) for u in small],
+    small = Corpus.from_utterances(
+        [
+            Utterance.from_tracks(
+                u.read_tracks(), u.read_phones().replace(segments=u.read_phones().segments[:2])
+            )
+            for u in small
+        ],
         SWEDISH,
     )
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = Cart(pruning=pruning).fit(small)
-        values = found.targets(small.utterances[0].phones)
+        values = found.targets(small.utterances[0].read_phones())
         new = found.targets(phones_of("sil K Y: sil"))
     np.testing.assert_allclose(values, [[0, 0.2, 0], [0.1, 0.2, -0.1]], atol=1e-12)
     assert np.isfinite(new).all()
@@ -237,14 +244,18 @@ def test_missing_values_do_not_count_and_a_parameter_without_any_is_rest():
     rng = np.random.default_rng(0)
     holed = []
     for utterance in whole:
-        values = utterance.tracks.values.copy()
+        values = utterance.read_tracks().values.copy()
         for start in rng.integers(0, len(values), 8):
             values[start : start + 60, 0] = np.nan
         values[:, 2] = np.nan
-        holed.append(Utterance.of(utterance.tracks.replace(values=values), utterance.phones))
+        holed.append(
+            Utterance.from_tracks(
+                utterance.read_tracks().replace(values=values), utterance.read_phones()
+            )
+        )
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = Cart(closures={}).fit(Corpus.of(holed, SWEDISH))
+        found = Cart(closures={}).fit(Corpus.from_utterances(holed, SWEDISH))
         values = found.targets(phones_of("sil L A S sil"))
     np.testing.assert_allclose(values[1:4, 0], [0.1, 0.8, 0.1], atol=0.03)
     assert (values[:, 2] == 0).all()
@@ -257,10 +268,13 @@ def test_missing_values_do_not_count_and_a_parameter_without_any_is_rest():
 def test_a_corpus_of_missing_values_alone_is_rest(tmp_path):
     whole = corpus(rounded_ahead, count=2)
     empty = [
-        Utterance.of(u.tracks.replace(values=np.full(u.tracks.values.shape, np.nan)), u.phones)
+        Utterance.from_tracks(
+            u.read_tracks().replace(values=np.full(u.read_tracks().values.shape, np.nan)),
+            u.read_phones(),
+        )
         for u in whole
     ]
-    found = Cart().fit(Corpus.of(empty, SWEDISH))
+    found = Cart().fit(Corpus.from_utterances(empty, SWEDISH))
     assert not found.trees_
     found.save(tmp_path / "m.npz")
     again = control.load(tmp_path / "m.npz")
@@ -275,13 +289,13 @@ def test_one_phone_only():
 
 def test_an_utterance_without_phones_is_left_out_and_a_corpus_of_such_is_refused():
     spoken = corpus(rounded_ahead, count=2)
-    silent = Utterance.of(
-        spoken.utterances[0].tracks, PhoneSequence((), phone_set="sv-sta"), id="z"
+    silent = Utterance.from_tracks(
+        spoken.utterances[0].read_tracks(), PhoneSequence((), phone_set="sv-sta"), id="z"
     )
-    found = Cart().fit(Corpus.of([*spoken, silent], SWEDISH))
+    found = Cart().fit(Corpus.from_utterances([*spoken, silent], SWEDISH))
     assert found.trees_
     with pytest.raises(DataError, match="no phones"):
-        Cart().fit(Corpus.of([silent], SWEDISH))
+        Cart().fit(Corpus.from_utterances([silent], SWEDISH))
 
 
 # -- sound -----------------------------------------------------------------------------------------
@@ -306,12 +320,12 @@ def test_energy_is_asked_for_where_there_is_sound_and_drops_out_where_not():
     np.testing.assert_allclose(found.targets(loud)[1:3, 0], 0.9, atol=0.03)
     np.testing.assert_allclose(found.targets(soft)[1:3, 0], 0.2, atol=0.03)
     # Without sound the answer is that of trees that were grown without it.
-    deaf = Corpus.of(
+    deaf = Corpus.from_utterances(
         [
-            Utterance.of(
-                u.tracks,
-                u.phones.replace(
-                    segments=[type(s)(s.start, s.end, s.phone, s.stress) for s in u.phones]
+            Utterance.from_tracks(
+                u.read_tracks(),
+                u.read_phones().replace(
+                    segments=[type(s)(s.start, s.end, s.phone, s.stress) for s in u.read_phones()]
                 ),
             )
             for u in spoken
@@ -339,18 +353,18 @@ def test_sound_in_less_than_half_of_the_examples_is_not_asked_for():
     )
     rng = np.random.default_rng(0)
     mixed = [
-        Utterance.of(
-            u.tracks,
-            u.phones.replace(
+        Utterance.from_tracks(
+            u.read_tracks(),
+            u.read_phones().replace(
                 segments=[
                     type(s)(s.start, s.end, s.phone, s.stress, energy_db=some(rng))
-                    for s in u.phones
+                    for s in u.read_phones()
                 ]
             ),
         )
         for u in spoken
     ]
-    found = Cart().fit(Corpus.of(mixed, SWEDISH))
+    found = Cart().fit(Corpus.from_utterances(mixed, SWEDISH))
     assert not any(key.with_sound and not key.pooled for key in found.trees_)
 
 
@@ -393,7 +407,7 @@ def test_who_resists_is_learned_where_it_is_asked_for():
     by_set = Cart().fit(spoken)
     assert set(names[by_set._resists[:, 0]]) == {
         name
-        for name in set(spoken.utterances[0].phones.phones) | {"F", "M", "B", "P", "T", "L"}
+        for name in set(spoken.utterances[0].read_phones().phones) | {"F", "M", "B", "P", "T", "L"}
         if SWEDISH.is_resistant(name, "jaw_rotation")
     }
     # Of a parameter that the phone set knows nothing of it is always learned.
@@ -423,7 +437,9 @@ def test_trees_predict_what_means_of_phones_cannot():
     errors = {}
     for name, options in (("trees", {}), ("means", {"smallest": 10**9})):
         found = Cart(**options).fit(train)
-        off = [found.targets(u.phones) - targets(u.tracks, u.phones) for u in test]
+        off = [
+            found.targets(u.read_phones()) - targets(u.read_tracks(), u.read_phones()) for u in test
+        ]
         errors[name] = np.nanmean(np.concatenate(off) ** 2, axis=0)
     assert (errors["trees"][1:] < 0.35 * errors["means"][1:]).all()
     assert errors["trees"][0] < 1.05 * errors["means"][0]

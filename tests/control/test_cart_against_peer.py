@@ -27,7 +27,7 @@ def benchmark():
 
 def test_held_out_targets_are_predicted_no_worse(benchmark):
     simulated = benchmark.simulated_corpus(150)
-    train, test = simulated.split("train"), simulated.split("test")
+    train, test = simulated.get_split("train"), simulated.get_split("test")
     found = benchmark.compared("simulated", train, test, quick=True)
     assert found["no_worse"], found
     assert found["error"] < 0.6

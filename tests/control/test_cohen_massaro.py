@@ -194,8 +194,8 @@ def truth(count: int, seed: int, free, names, rate=60.0) -> Corpus:
         frames = Frames.of(np.array(chosen), 10 * 0.5 * (phones.starts + phones.ends), 10 * times)
         values = np.stack([dominance.trajectory(each, frames) for each in free], axis=1)
         tracks = ParameterTracks(names, rate, values, name=phones.name)
-        utterances.append(Utterance.of(tracks, phones))
-    return Corpus.of(utterances, phone_set)
+        utterances.append(Utterance.from_tracks(tracks, phones))
+    return Corpus.from_utterances(utterances, phone_set)
 
 
 def test_known_truth_is_found_from_a_neutral_start(rng):
@@ -204,24 +204,24 @@ def test_known_truth_is_found_from_a_neutral_start(rng):
     names = ("jaw_rotation", "lip_rounding")
     model = control.create("cohen-massaro").fit(truth(60, 1, free, names))
     for utterance in truth(15, 2, free, names):
-        tracks = utterance.tracks
-        apart = model.predict_at(utterance.phones, tracks.times) - tracks.values
+        tracks = utterance.read_tracks()
+        apart = model.predict_at(utterance.read_phones(), tracks.times) - tracks.values
         spread = np.ptp(tracks.values, axis=0)
         assert (np.sqrt(np.mean(apart**2, axis=0)) < 0.01 * spread).all()
     found = model.free_parameters()
     assert all((found[name] > 0).all() for name in ("alpha", "theta", "phi", "c"))
     # What was learned is for seconds: eq. 7 with it gives what predict gives.
     utterance = truth(1, 3, free, names).utterances[0]
-    positions = model.symbols_.positions(utterance.phones)
+    positions = model.symbols_.positions(utterance.read_phones())
     seconds = np.concatenate(
         [found["target"][0][:, None]]
         + [np.log(found[name][0])[:, None] for name in ("alpha", "theta", "phi", "c")],
         axis=1,
     )
-    centres = 0.5 * (utterance.phones.starts + utterance.phones.ends)
+    centres = 0.5 * (utterance.read_phones().starts + utterance.read_phones().ends)
     times = np.array([0.3, 0.77, 1.1])
     np.testing.assert_allclose(
-        model.predict_at(utterance.phones, times)[:, 0],
+        model.predict_at(utterance.read_phones(), times)[:, 0],
         [by_the_paper(seconds, positions, centres, time) for time in times],
         atol=1e-7,
     )
@@ -229,13 +229,13 @@ def test_known_truth_is_found_from_a_neutral_start(rng):
 
 def test_training_falls_until_it_ends_and_early_stopping_keeps_the_best(small_corpus):
     rng = np.random.default_rng(0)
-    noisy = Corpus.of(
+    noisy = Corpus.from_utterances(
         [
-            Utterance.of(
-                u.tracks.replace(
-                    values=u.tracks.values + rng.normal(0, 0.2, u.tracks.values.shape)
+            Utterance.from_tracks(
+                u.read_tracks().replace(
+                    values=u.read_tracks().values + rng.normal(0, 0.2, u.read_tracks().values.shape)
                 ),
-                u.phones,
+                u.read_phones(),
             )
             for u in small_corpus
         ],
@@ -251,7 +251,7 @@ def test_training_falls_until_it_ends_and_early_stopping_keeps_the_best(small_co
     # It ended two iterations after the best, and what it kept is the best.
     best = int(np.argmin(validation))
     assert len(log) - 1 <= best + 2
-    tracks = [(u.phones, u.tracks) for u in small_corpus]
+    tracks = [(u.read_phones(), u.read_tracks()) for u in small_corpus]
     apart = np.concatenate([(model.predict_at(p, t.times) - t.values)[:, 0] for p, t in tracks])
     assert np.sqrt(np.mean(apart**2)) == pytest.approx(min(validation), rel=1e-6)
 

@@ -38,7 +38,7 @@ every_model = pytest.mark.parametrize("name", control.names())
 def content(corpus: Corpus) -> bytes:
     parts = []
     for utterance in corpus:
-        parts += [repr(utterance.phones).encode(), utterance.tracks.values.tobytes()]
+        parts += [repr(utterance.read_phones()).encode(), utterance.read_tracks().values.tobytes()]
     return b"".join(parts)
 
 
@@ -321,12 +321,16 @@ def test_phones_that_the_corpus_lacked_have_a_movement(name, trained):
 def test_missing_values_do_not_count(name, small_corpus, new_phones):
     utterances = []
     for position, utterance in enumerate(small_corpus):
-        values = utterance.tracks.values.copy()
+        values = utterance.read_tracks().values.copy()
         values[5:12, 0] = np.nan
         values[position::4, 3] = np.nan
         values[:, 7] = np.nan
-        utterances.append(Utterance.of(utterance.tracks.replace(values=values), utterance.phones))
-    model = made(name).fit(Corpus.of(utterances, "sv-sta"))
+        utterances.append(
+            Utterance.from_tracks(
+                utterance.read_tracks().replace(values=values), utterance.read_phones()
+            )
+        )
+    model = made(name).fit(Corpus.from_utterances(utterances, "sv-sta"))
     assert np.isfinite(model.predict(new_phones).values).all()
     for entry in model.log_:
         assert math.isfinite(entry.training_error)
@@ -337,7 +341,7 @@ def test_missing_values_do_not_count(name, small_corpus, new_phones):
 def test_one_short_utterance_is_enough_to_train_on(name, sentence, new_phones):
     corpus = corpus_of([sentence])
     model = made(name).fit(corpus)
-    assert np.isfinite(model.predict(corpus.utterances[0].phones).values).all()
+    assert np.isfinite(model.predict(corpus.utterances[0].read_phones()).values).all()
     assert np.isfinite(model.predict(new_phones).values).all()
 
 
@@ -373,10 +377,14 @@ def test_a_phone_set_without_end_is_learned(name, tmp_path):
 def test_a_constant_parameter_stays_constant(name, small_corpus, new_phones):
     utterances = []
     for utterance in small_corpus:
-        values = utterance.tracks.values.copy()
+        values = utterance.read_tracks().values.copy()
         values[:, 2] = 0.25
-        utterances.append(Utterance.of(utterance.tracks.replace(values=values), utterance.phones))
-    model = made(name).fit(Corpus.of(utterances, "sv-sta"))
+        utterances.append(
+            Utterance.from_tracks(
+                utterance.read_tracks().replace(values=values), utterance.read_phones()
+            )
+        )
+    model = made(name).fit(Corpus.from_utterances(utterances, "sv-sta"))
     found = model.predict(new_phones).values
     assert np.isfinite(found).all()
 

@@ -73,15 +73,17 @@ def told_by_networks(texts, groups, hidden, behind=15, ahead=15, seed=5):
         times = np.arange(math.ceil(phones.duration * 60)) / 60
         values = np.array([running.at(time) for time in times])
         utterances.append(
-            Utterance.of(ParameterTracks(names, 60.0, values, name=phones.name), phones)
+            Utterance.from_tracks(ParameterTracks(names, 60.0, values, name=phones.name), phones)
         )
-    return Corpus.of(utterances, chosen)
+    return Corpus.from_utterances(utterances, chosen)
 
 
 def error_of_range(model, corpus):
     """RMSE in percent of the range, the mean over the parameters."""
-    found = np.concatenate([model.predict_at(u.phones, u.tracks.times) for u in corpus])
-    wanted = np.concatenate([u.tracks.values for u in corpus])
+    found = np.concatenate(
+        [model.predict_at(u.read_phones(), u.read_tracks().times) for u in corpus]
+    )
+    wanted = np.concatenate([u.read_tracks().values for u in corpus])
     ranges = wanted.max(axis=0) - wanted.min(axis=0)
     return float(np.mean(100 * np.sqrt(np.mean((found - wanted) ** 2, axis=0)) / ranges))
 
@@ -92,8 +94,8 @@ def error_of_range(model, corpus):
 def test_networks_of_the_same_form_are_learned():
     groups = {"lips": ("open", "round"), "jaw": ("down",)}
     corpus = told_by_networks(sentences(32), groups.values(), (4, 4), behind=5, ahead=5)
-    training, test = corpus.held_out(0.2)
-    training, validation = training.held_out(0.15)
+    training, test = corpus.hold_out(0.2)
+    training, validation = training.hold_out(0.15)
     model = control.create(
         "ann", groups=groups, hidden_units=8, frames_behind=5, frames_ahead=5, epochs=60,
         learning_rate=0.01,
@@ -110,8 +112,8 @@ def test_the_papers_networks_are_learned(name):
     corpus = told_by_networks(
         sentences(150, 30), groups, (50, 50, 30, 30), new.frames_behind, new.frames_ahead
     )
-    training, test = corpus.held_out(0.2)
-    training, validation = training.held_out(0.15)
+    training, test = corpus.hold_out(0.2)
+    training, validation = training.hold_out(0.15)
     model = new.fit(training, validation)
     assert error_of_range(model, test) < 3.0
 
@@ -119,8 +121,8 @@ def test_the_papers_networks_are_learned(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["ann", "ann-low-latency", "ann-ensemble"])
 def test_networks_beat_phone_means_on_new_sentences(name):
-    training, test = corpus_of(sentences(60)).held_out(0.2)
-    kept, validation = training.held_out(0.15)
+    training, test = corpus_of(sentences(60)).hold_out(0.2)
+    kept, validation = training.hold_out(0.15)
     ours = control.create(name).fit(kept, validation)
     means = control.create("phone-mean").fit(training)
     assert error_of_range(ours, test) < 0.8 * error_of_range(means, test)
@@ -145,7 +147,10 @@ def test_the_weights_of_the_least_validation_error_are_kept(small_corpus, small_
         stopped += len(own) <= 25
         columns = list(network.columns)
         squares = [
-            (model.predict_at(u.phones, u.tracks.times) - u.tracks.values)[:, columns] ** 2
+            (model.predict_at(u.read_phones(), u.read_tracks().times) - u.read_tracks().values)[
+                :, columns
+            ]
+            ** 2
             for u in small_validation
         ]
         # The log counts inner frames, here are the corpus's own.
@@ -183,10 +188,10 @@ def test_no_epoch_is_no_training(small_corpus, new_phones):
 
 
 def test_utterances_without_values_do_not_count(small_corpus, tmp_path):
-    nothing = small_corpus.utterances[0].tracks
+    nothing = small_corpus.utterances[0].read_tracks()
     nothing = nothing.replace(values=np.full_like(nothing.values, np.nan), name="zz")
-    empty = Utterance.of(nothing, small_corpus.utterances[0].phones)
-    more = Corpus.of([*small_corpus, empty], "sv-sta")
+    empty = Utterance.from_tracks(nothing, small_corpus.utterances[0].read_phones())
+    more = Corpus.from_utterances([*small_corpus, empty], "sv-sta")
     models = [
         control.create("ann", hidden_units=4, epochs=2).fit(corpus)
         for corpus in (small_corpus, more)
@@ -194,27 +199,30 @@ def test_utterances_without_values_do_not_count(small_corpus, tmp_path):
     for one, other in zip(*(model.weights_[0] for model in models), strict=True):
         np.testing.assert_array_equal(one, other)
     with pytest.raises(DataError, match="no utterance has a parameter value"):
-        control.create("ann").fit(Corpus.of([empty], "sv-sta"))
+        control.create("ann").fit(Corpus.from_utterances([empty], "sv-sta"))
 
 
 def test_drift_between_utterances_can_be_left_alone():
     corpus = told_by_networks(sentences(20), [("open", "round")], (4,), behind=5, ahead=5)
-    training, test = corpus.held_out(0.2)
+    training, test = corpus.hold_out(0.2)
     rng = np.random.default_rng(4)
 
     def drifted(utterance):
-        tracks = utterance.tracks
+        tracks = utterance.read_tracks()
         values = tracks.values + rng.normal(0.0, 3 * np.std(tracks.values), 2)
-        return Utterance.of(tracks.replace(values=values), utterance.phones)
+        return Utterance.from_tracks(tracks.replace(values=values), utterance.read_phones())
 
-    training = Corpus.of([drifted(utterance) for utterance in training], "sv-sta")
+    training = Corpus.from_utterances([drifted(utterance) for utterance in training], "sv-sta")
     errors = []
     for forgiven in (0.0, 0.99):
         model = control.create(
             "ann", hidden_units=8, frames_behind=5, frames_ahead=5, epochs=25,
             learning_rate=0.01, forgiven_offset=forgiven,
         ).fit(training)  # fmt: skip
-        apart = [model.predict_at(u.phones, u.tracks.times) - u.tracks.values for u in test]
+        apart = [
+            model.predict_at(u.read_phones(), u.read_tracks().times) - u.read_tracks().values
+            for u in test
+        ]
         errors.append(np.sqrt(np.mean([np.var(each, axis=0) for each in apart])))
     assert errors[1] < 0.7 * errors[0]
 
@@ -243,7 +251,7 @@ def test_a_stopped_training_goes_on_to_the_same_bytes(
     with pytest.raises(Stopped):
         broken.fit(small_corpus, small_validation, progress=stop, checkpoint=path)
     with pytest.raises(DataError, match="not trained"):
-        broken.predict(small_corpus.utterances[0].phones)
+        broken.predict(small_corpus.utterances[0].read_phones())
     told = []
     model = control.create("ann", **settings).fit(
         small_corpus, small_validation, progress=told.append, checkpoint=path
@@ -344,15 +352,15 @@ def test_the_sweep_tells_what_separate_networks_would(small_corpus, small_valida
     names = ("jaw_rotation", "upper_lip_raise", "lower_lip_depression")
 
     def occlusion(corpus):
-        return Corpus.of(
+        return Corpus.from_utterances(
             [
-                Utterance.of(
-                    u.tracks.replace(
+                Utterance.from_tracks(
+                    u.read_tracks().replace(
                         names=names,
-                        values=u.tracks.values[:, u.tracks.indices(names)],
+                        values=u.read_tracks().values[:, u.read_tracks().indices(names)],
                         standard_deviations=None,
                     ),
-                    u.phones,
+                    u.read_phones(),
                 )
                 for u in corpus
             ],
@@ -371,7 +379,7 @@ def test_the_sweep_tells_what_separate_networks_would(small_corpus, small_valida
 
 def test_seeing_ahead_helps_where_the_tracks_move_early():
     corpus = told_by_networks(sentences(24, 12), [("open",)], (6,), behind=2, ahead=4)
-    training, held_out = corpus.held_out(0.2)
+    training, held_out = corpus.hold_out(0.2)
     settings = control.create("ann-low-latency", hidden_units=8, epochs=12, learning_rate=0.01)
     points = look_ahead_sweep(training, held_out, frames=(0, 2, 6), settings=settings)
     errors = [point.error for point in points]

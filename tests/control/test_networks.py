@@ -202,7 +202,7 @@ def test_targets_end_where_the_tracks_do_whatever_the_phones_say():
     utterance = corpus.utterances[0]
     whole = example(utterance, corpus, 3, 2)
     assert len(whole.inputs) == len(whole.targets) + 5
-    assert len(inner_targets(utterance.tracks, 100.0)) == 0
+    assert len(inner_targets(utterance.read_tracks(), 100.0)) == 0
     single = ParameterTracks(NAMES, RATE, np.ones((1, 10)))
     np.testing.assert_array_equal(inner_targets(single, 0.0), np.ones((1, 10)))
 

@@ -142,8 +142,8 @@ def truth(count: int, seed: int, targets, factors, names) -> Corpus:
         # Equation 16.
         values = v + consonants @ (factors * targets) - (consonants @ factors) * v
         tracks = ParameterTracks(names, 60.0, values, name=phones.name)
-        utterances.append(Utterance.of(tracks, phones))
-    return Corpus.of(utterances, phone_set)
+        utterances.append(Utterance.from_tracks(tracks, phones))
+    return Corpus.from_utterances(utterances, phone_set)
 
 
 def test_known_truth_is_found_from_a_neutral_start(rng):
@@ -152,8 +152,8 @@ def test_known_truth_is_found_from_a_neutral_start(rng):
     factors = rng.uniform(0.05, 1.0, (76, 3))
     model = control.create("ohman").fit(truth(60, 1, targets, factors, names))
     for utterance in truth(15, 2, targets, factors, names):
-        tracks = utterance.tracks
-        apart = model.predict_at(utterance.phones, tracks.times) - tracks.values
+        tracks = utterance.read_tracks()
+        apart = model.predict_at(utterance.read_phones(), tracks.times) - tracks.values
         spread = np.ptp(tracks.values, axis=0)
         assert (np.sqrt(np.mean(apart**2, axis=0)) < 0.01 * spread).all()
     found = model.free_parameters()
@@ -166,11 +166,13 @@ def test_known_truth_is_found_from_a_neutral_start(rng):
 
 def test_factors_stay_between_0_and_1_and_targets_within_reach(rng):
     corpus = corpus_of(["sil 'A: S 'A: T 'I: sil", "sil T 'I: S 'A: T 'A: sil"])
-    noisy = Corpus.of(
+    noisy = Corpus.from_utterances(
         [
-            Utterance.of(
-                u.tracks.replace(values=u.tracks.values + rng.normal(0, 3, u.tracks.values.shape)),
-                u.phones,
+            Utterance.from_tracks(
+                u.read_tracks().replace(
+                    values=u.read_tracks().values + rng.normal(0, 3, u.read_tracks().values.shape)
+                ),
+                u.read_phones(),
             )
             for u in corpus
         ],
@@ -180,7 +182,7 @@ def test_factors_stay_between_0_and_1_and_targets_within_reach(rng):
         model = control.create("ohman", prior=prior).fit(noisy)
         assert (model.factors_ >= 0).all()
         assert (model.factors_ <= 1).all()
-        values = np.concatenate([u.tracks.values for u in noisy])
+        values = np.concatenate([u.read_tracks().values for u in noisy])
         assert (np.abs(model.targets_ - values.mean(axis=0)[:, None]) <= 3 * np.ptp(values)).all()
 
 
@@ -194,8 +196,8 @@ def test_impossible_settings_are_refused():
 def test_an_utterance_of_consonants_alone_is_learned(rng):
     corpus = corpus_of(["S T S F S"])
     model = control.create("ohman", prior=0.0).fit(corpus)
-    tracks = corpus.utterances[0].tracks
-    apart = model.predict_at(corpus.utterances[0].phones, tracks.times) - tracks.values
+    tracks = corpus.utterances[0].read_tracks()
+    apart = model.predict_at(corpus.utterances[0].read_phones(), tracks.times) - tracks.values
     assert np.sqrt(np.mean(apart**2)) < 0.5 * tracks.values.std()
     assert np.isfinite(model.predict(spoken("'A: S", 1)).values).all()
 

@@ -15,7 +15,7 @@ def correlation(model: ControlModel, corpus: Corpus) -> float:
     """Of prediction and truth over all but silence, the mean of what speech moves."""
     found, wanted = [], []
     for utterance in corpus:
-        phones, tracks = utterance.phones, utterance.tracks
+        phones, tracks = utterance.read_phones(), utterance.read_tracks()
         silent = np.array([corpus.phone_set.is_silence(segment) for segment in phones])
         at = phones.at(tracks.times)
         spoken = (at >= 0) & ~silent[at]
@@ -31,8 +31,8 @@ def correlation(model: ControlModel, corpus: Corpus) -> float:
 @pytest.mark.parametrize("language", ["sv", "cs", "en"])
 def test_the_trained_models_beat_phone_means_on_sentences_they_never_met(language):
     corpus = simulated_corpus(language, 90)
-    training, test = corpus.split("train"), corpus.split("test")
-    training, held = training.held_out(0.15)
+    training, test = corpus.get_split("train"), corpus.get_split("test")
+    training, held = training.hold_out(0.15)
     models = {
         name: control.create(name).fit(training, held)
         for name in ("phone-mean", "ridge", "ohman", "cohen-massaro")
@@ -50,9 +50,9 @@ def test_the_trained_models_beat_phone_means_on_sentences_they_never_met(languag
     for model, part in ((models["cohen-massaro"], 0.85), (by_rule, 1.0)):
         closed, widest = [], []
         for utterance in test:
-            phones = utterance.phones
-            gaps = compute_lip_gap(face, model.predict_at(phones, utterance.tracks.times))
-            at = phones.at(utterance.tracks.times)
+            phones = utterance.read_phones()
+            gaps = compute_lip_gap(face, model.predict_at(phones, utterance.read_tracks().times))
+            at = phones.at(utterance.read_tracks().times)
             for position, segment in enumerate(phones):
                 inside = gaps[at == position]
                 if not len(inside):

@@ -10,9 +10,9 @@ from mocap_fit.face import load_face
 @pytest.fixture(scope="session")
 def face_corpus() -> Corpus:
     names = load_face().parameter_names
-    return Corpus.of([spoken(f"u{i}", i, names) for i in range(8)], "en-arpabet")
+    return Corpus.from_utterances([spoken(f"u{i}", i, names) for i in range(8)], "en-arpabet")
 
 
 @pytest.fixture(scope="session")
 def small_corpus() -> Corpus:
-    return Corpus.of([spoken(f"u{i}", i, ("x", "y")) for i in range(8)], "en-arpabet")
+    return Corpus.from_utterances([spoken(f"u{i}", i, ("x", "y")) for i in range(8)], "en-arpabet")

@@ -33,7 +33,7 @@ class Remembered(ControlModel):
         progress: Progress,
         checkpoint: Path | None,
     ) -> None:
-        self.tracks_ = {u.id: u.tracks for u in corpus}
+        self.tracks_ = {u.id: u.read_tracks() for u in corpus}
 
     def _predict(self, phones: PhoneSequence, times: np.ndarray) -> np.ndarray:
         tracks = self.tracks_[phones.name]
@@ -69,4 +69,4 @@ def spoken(name: str, seed: int, names: tuple[str, ...]) -> Utterance:
         values[:, names.index("jaw_rotation")] = np.interp(
             times, [0.2, 0.3, 0.45, 0.6, 0.8], [0.05, 0.0, 0.5, 0.6, 0.1]
         )
-    return Utterance.of(ParameterTracks(names, RATE, values, name=name), phones)
+    return Utterance.from_tracks(ParameterTracks(names, RATE, values, name=name), phones)

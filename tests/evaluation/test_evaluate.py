@@ -17,13 +17,15 @@ def trained(corpus, **settings):
 
 def speech(corpus):
     """All target values of frames that are speech, by hand."""
-    return np.concatenate([u.tracks.values[10:50] for u in corpus])
+    return np.concatenate([u.read_tracks().values[10:50] for u in corpus])
 
 
 def test_frames_belong_to_the_kind_of_their_phone():
     utterance = spoken("u", 0, ("x",))
     groups = frame_groups(
-        utterance.phones, load_phone_set("en-arpabet"), np.array([-1.0, 0.1, 0.2, 0.5, 0.9, 1.1, 2])
+        utterance.read_phones(),
+        load_phone_set("en-arpabet"),
+        np.array([-1.0, 0.1, 0.2, 0.5, 0.9, 1.1, 2]),
     )
     assert groups.tolist() == [
         [False, False, True, True, True, False, False],
@@ -73,11 +75,11 @@ def test_scores_agree_with_numpy_on_all_frames(small_corpus, rng):
 def test_missing_targets_do_not_count(small_corpus):
     holed = []
     for utterance in small_corpus:
-        values = utterance.tracks.values.copy()
+        values = utterance.read_tracks().values.copy()
         values[15:25, 0] = np.nan
-        tracks = utterance.tracks.replace(values=values)
-        holed.append(Utterance.of(tracks, utterance.phones))
-    corpus = Corpus.of(holed, "en-arpabet")
+        tracks = utterance.read_tracks().replace(values=values)
+        holed.append(Utterance.from_tracks(tracks, utterance.read_phones()))
+    corpus = Corpus.from_utterances(holed, "en-arpabet")
     models = {"shifted": trained(small_corpus, shift=0.01)}
     result = evaluate(corpus, models, face=None, resamples=100)
     assert np.isfinite(result.rmse).all()
@@ -86,10 +88,13 @@ def test_missing_targets_do_not_count(small_corpus):
 
 def test_a_parameter_that_never_changes_does_not_count(small_corpus):
     still = [
-        Utterance.of(u.tracks.replace(values=u.tracks.values * np.array([1.0, 0.0])), u.phones)
+        Utterance.from_tracks(
+            u.read_tracks().replace(values=u.read_tracks().values * np.array([1.0, 0.0])),
+            u.read_phones(),
+        )
         for u in small_corpus
     ]
-    corpus = Corpus.of(still, "en-arpabet")
+    corpus = Corpus.from_utterances(still, "en-arpabet")
     models = {"shifted": trained(corpus, shift=0.01)}
     result = evaluate(corpus, models, face=None, resamples=100)
     assert np.isnan(result.rmse[0, 0, 1])
@@ -168,8 +173,10 @@ def test_what_cannot_be_scored_is_refused(small_corpus, face_corpus):
     with pytest.raises(DataError, match=r"does not predict the parameters.*not trained"):
         evaluate(small_corpus, {"new": Remembered()})
     silent = small_corpus.utterances[0]
-    phones = silent.phones.replace(segments=silent.phones.segments[:1])
-    quiet = Corpus.of([Utterance.of(silent.tracks, phones)], "en-arpabet")
+    phones = silent.read_phones().replace(segments=silent.read_phones().segments[:1])
+    quiet = Corpus.from_utterances(
+        [Utterance.from_tracks(silent.read_tracks(), phones)], "en-arpabet"
+    )
     with pytest.raises(DataError, match=r"no frame.*speech"):
         evaluate(quiet, {"m": trained(quiet)}, face=None)
     result = evaluate(small_corpus, {"m": trained(small_corpus)}, face=None, resamples=100)
@@ -179,8 +186,11 @@ def test_what_cannot_be_scored_is_refused(small_corpus, face_corpus):
 
 def test_times_of_the_tracks_are_those_of_the_phones(small_corpus):
     """A clock that starts later shifts the frames, not the phones."""
-    late = [Utterance.of(u.tracks.replace(start_time=0.2), u.phones) for u in small_corpus]
-    corpus = Corpus.of(late, "en-arpabet")
+    late = [
+        Utterance.from_tracks(u.read_tracks().replace(start_time=0.2), u.read_phones())
+        for u in small_corpus
+    ]
+    corpus = Corpus.from_utterances(late, "en-arpabet")
     result = evaluate(corpus, {"m": trained(corpus)}, face=None, resamples=100)
     assert result.frames == (8 * 40, 8 * 20, 8 * 20)
     assert corpus.rate == RATE

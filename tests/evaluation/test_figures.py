@@ -29,11 +29,13 @@ def test_every_parameter_is_in_the_table(result):
 
 def test_a_trajectory_lies_on_its_target(small_corpus):
     shown = small_corpus.utterances[0]
-    predictions = {"m": shown.tracks.values}
-    figure = figures.trajectory_figure(shown.tracks, predictions, shown.phones, "y", "ba")
+    predictions = {"m": shown.read_tracks().values}
+    figure = figures.trajectory_figure(
+        shown.read_tracks(), predictions, shown.read_phones(), "y", "ba"
+    )
     target, predicted = figure.axes[0].get_lines()[:2]
     assert np.array_equal(target.get_ydata(), predicted.get_ydata())
-    assert [t.get_text() for t in figure.axes[1].texts] == list(shown.phones.phones)
+    assert [t.get_text() for t in figure.axes[1].texts] == list(shown.read_phones().phones)
 
 
 def test_look_ahead_and_training_are_drawn():

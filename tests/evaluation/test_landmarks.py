@@ -14,15 +14,6 @@ from mocap_fit.phones import PhoneSegment, PhoneSequence
 CONDITIONS = simulate.Conditions(noise=0.1, drop_outs=0.02, duration=2.0)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Recorded(Utterance):
-    """An utterance in memory that has its markers, too."""
-
-    @property
-    def markers(self):
-        return self._given["markers"]
-
-
 @pytest.fixture(scope="module")
 def recorded():
     """True parameters with the markers that they make, the head moving in a laboratory's axes."""
@@ -31,9 +22,9 @@ def recorded():
     utterances = []
     for i in range(3):
         made = session.record(np.random.default_rng(i), f"u{i}")
-        given = {"tracks": made.parameters, "phones": phones, "markers": made.recording}
-        utterances.append(Recorded(id=f"u{i}", duration=2.0, _given=given))
-    return Corpus.of(utterances, "en-arpabet", layout="face30-head5", face="built-in")
+        one = Utterance.from_tracks(made.parameters, phones, markers=made.recording, id=f"u{i}")
+        utterances.append(one)
+    return Corpus.from_utterances(utterances, "en-arpabet", layout="face30-head5", face="built-in")
 
 
 def test_true_parameters_agree_with_the_markers(recorded):
@@ -46,8 +37,11 @@ def test_true_parameters_agree_with_the_markers(recorded):
 
 def test_another_utterance_disagrees(recorded):
     swapped = [
-        dataclasses.replace(
-            u, _given={**u._given, "tracks": recorded.utterances[(i + 1) % 3].tracks}
+        Utterance.from_tracks(
+            recorded.utterances[(i + 1) % 3].read_tracks(),
+            u.read_phones(),
+            markers=u.read_markers(),
+            id=u.id,
         )
         for i, u in enumerate(recorded)
     ]

@@ -51,10 +51,10 @@ def read_corpus(corpus: Corpus) -> tuple[list[PhoneSequence], list[FloatArray]]:
     """The phones of all utterances, and their targets, `(segments, parameters)` each."""
     phones, found = [], []
     for utterance in corpus:
-        sequence = utterance.phones
+        sequence = utterance.read_phones()
         if len(sequence):
             phones.append(sequence)
-            found.append(targets(utterance.tracks, sequence))
+            found.append(targets(utterance.read_tracks(), sequence))
     return phones, found
 
 

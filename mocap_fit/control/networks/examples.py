@@ -128,10 +128,10 @@ def example(
     DataError
         If it has no phones, or one that the phone set does not know.
     """
-    phones = utterance.phones
+    phones = utterance.read_phones()
     if not len(phones):
         raise DataError(f"the utterance '{utterance.id}' has no phones")
-    targets = inner_targets(utterance.tracks, phones[0].start - lead(ahead) / INNER_RATE)
+    targets = inner_targets(utterance.read_tracks(), phones[0].start - lead(ahead) / INNER_RATE)
     targets = np.concatenate([targets, np.full((after, targets.shape[1]), np.nan)])
     inputs = utterance_inputs(phones, corpus.phone_set, len(targets), behind, ahead, stress)
     return Example(inputs.astype(np.float32), targets)

@@ -33,8 +33,10 @@ class Levels(ControlModel):
         return np.where(found >= 0, np.array(kinds)[found], 2)
 
     def _fit(self, corpus, validation, progress, checkpoint):
-        values = np.concatenate([u.tracks.values for u in corpus])
-        levels = np.concatenate([self._levels(u.phones, u.tracks.times) for u in corpus])
+        values = np.concatenate([u.read_tracks().values for u in corpus])
+        levels = np.concatenate(
+            [self._levels(u.read_phones(), u.read_tracks().times) for u in corpus]
+        )
         self.levels_ = np.zeros((3, values.shape[1]))
         for level in range(3):
             for column in range(values.shape[1]):

@@ -93,7 +93,7 @@ class TestWhatIsWritten:
 
     def test_one_line_of_pandas_is_one_table(self, corpus):
         tracks = pd.read_parquet(corpus / "tracks")
-        sizes = {u.id: u.tracks.frames for u in open_corpus(corpus)}
+        sizes = {u.id: u.read_tracks().frames for u in open_corpus(corpus)}
         assert tracks.groupby("utterance").size().to_dict() == sizes
 
     @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning")
@@ -101,45 +101,49 @@ class TestWhatIsWritten:
         dd = pytest.importorskip("dask.dataframe")
         tracks = dd.read_parquet(corpus / "tracks")
         counts = tracks.groupby("utterance").size().compute(scheduler="sync").to_dict()
-        assert counts == {u.id: u.tracks.frames for u in open_corpus(corpus)}
+        assert counts == {u.id: u.read_tracks().frames for u in open_corpus(corpus)}
 
     def test_the_parameters_are_the_true_ones(self, lab, corpus):
         for utterance in open_corpus(corpus):
             truth = read_parquet(lab / "truth" / "tracks" / f"{utterance.id}.parquet")
-            error = np.sqrt(np.nanmean((utterance.tracks.values - truth.values) ** 2))
+            error = np.sqrt(np.nanmean((utterance.read_tracks().values - truth.values) ** 2))
             assert error < 0.1
-            residual = np.nanmedian(utterance.tracks.residuals)
+            residual = np.nanmedian(utterance.read_tracks().residuals)
             assert 0.2 < residual < 1.0
 
     def test_frames_are_on_the_clock_of_the_sound(self, lab, corpus):
         truth = json.loads((lab / "truth" / "sync.json").read_text())
         for utterance in open_corpus(corpus):
             true = truth[utterance.id]
-            for tracks in (utterance.tracks, utterance.markers, utterance.head):
+            for tracks in (
+                utterance.read_tracks(),
+                utterance.read_markers(),
+                utterance.read_head(),
+            ):
                 assert tracks.start_time == pytest.approx(true["start_time"], abs=1e-4)
                 assert tracks.rate == pytest.approx(true["frame_rate"], rel=1e-5)
-            (sync,) = [s for s in utterance.tracks.provenance if s.name == "synchronise"]
+            (sync,) = [s for s in utterance.read_tracks().provenance if s.name == "synchronise"]
             assert sync.arguments["kind"] == "pulses"
             assert sync.arguments["is_estimate"] is False
             assert sync.arguments["drift_ppm"] == pytest.approx(true["drift_ppm"], abs=10)
 
     def test_measured_values_stay_as_they_were_measured(self, lab, corpus):
         recording = read_tracks(lab / "recordings" / "sim001.tsv")
-        kept = open_corpus(corpus)["sim001"].markers
+        kept = open_corpus(corpus)["sim001"].read_markers()
         np.testing.assert_array_equal(kept.positions, recording.positions)
 
     def test_the_sound_is_without_pulses(self, lab, corpus):
         before = read_sound(lab / "sound" / "sim001.wav")
-        after = read_sound(open_corpus(corpus)["sim001"].sound)
+        after = read_sound(open_corpus(corpus)["sim001"].sound_file)
         assert (before.channels, after.channels) == (2, 1)
         np.testing.assert_array_equal(after.channel(1), before.channel(1))
 
     def test_phones_have_stress_words_and_energy(self, lab, corpus):
         utterance = open_corpus(corpus)["sim001"]
-        phones = utterance.phones
+        phones = utterance.read_phones()
         assert phones.phone_set == "sv-sta"
         centres = [segment.centre for segment in phones]
-        expected = energy_db(read_sound(utterance.sound), centres)
+        expected = energy_db(read_sound(utterance.sound_file), centres)
         np.testing.assert_allclose([s.energy_db for s in phones], expected)
         silent = [phones[0].energy_db, phones[-1].energy_db]
         assert max(silent) < np.median(expected) - 10
@@ -153,12 +157,17 @@ class TestWhatIsWritten:
         assert step.arguments["sync"]["kind"] == "pulses"
         assert (opened.language, opened.rate, opened.face) == ("sv", 30.0, "built-in")
         utterance = opened["sim001"]
-        names = [s.name for s in utterance.tracks.provenance]
+        names = [s.name for s in utterance.read_tracks().provenance]
         assert names[:3] == ["read", "synchronise", "remove_head_motion"]
         assert names[-2:] == ["fit_shape", "convert"]
         inputs = {
             part.provenance[-1].arguments["inputs"]
-            for part in (utterance.tracks, utterance.markers, utterance.head, utterance.phones)
+            for part in (
+                utterance.read_tracks(),
+                utterance.read_markers(),
+                utterance.read_head(),
+                utterance.read_phones(),
+            )
         }
         assert len(inputs) == 1
 
@@ -169,7 +178,7 @@ class TestWhatIsWritten:
             content = path.read_bytes()
             for secret in (lab, corpus, os.path.expanduser("~")):
                 assert str(secret).encode() not in content
-        said = [s.to_dict() for u in open_corpus(corpus) for s in u.tracks.provenance]
+        said = [s.to_dict() for u in open_corpus(corpus) for s in u.read_tracks().provenance]
         assert not re.search(r"20\d\d-|\b1[78]\d{8}\b|/tmp", json.dumps(said))
 
 
@@ -183,12 +192,12 @@ def test_missing_and_doubled_pulses_are_noted(own):
     pulse = samples[rises[30] - 2 : rises[30] + 60, 1].copy()
     samples[rises[30] + 250 : rises[30] + 250 + len(pulse), 1] = pulse
     write_sound(whole.replace(samples=samples), path)
-    before = open_corpus(corpus)["sim002"].tracks
+    before = open_corpus(corpus)["sim002"].read_tracks()
     assert convert(lab, corpus) == 0
     after = open_corpus(corpus)["sim002"]
     assert any("1 of" in line and "pulses are missing" in line for line in after.checks)
     assert any(line.startswith("1 pulses besides") for line in after.checks)
-    assert after.tracks.start_time == pytest.approx(before.start_time, abs=1e-4)
+    assert after.read_tracks().start_time == pytest.approx(before.start_time, abs=1e-4)
 
 
 def test_clocks_that_are_far_apart_are_noted(own):
@@ -202,7 +211,7 @@ def test_clocks_that_are_far_apart_are_noted(own):
     assert convert(lab, corpus) == 1
     (utterance,) = open_corpus(corpus)
     assert any("millionths apart" in line for line in utterance.checks)
-    assert utterance.tracks.rate == pytest.approx(30.0, rel=1e-4)
+    assert utterance.read_tracks().rate == pytest.approx(30.0, rel=1e-4)
 
 
 class TestAgain:
@@ -256,7 +265,7 @@ class TestAgain:
         manifest.write_text(manifest.read_text() + '[fit]\nobjective = "squares"\n')
         assert convert(lab, corpus, "--json") == 0
         assert report(capsys)["converted"] == 3
-        steps = open_corpus(corpus)["sim001"].tracks.provenance
+        steps = open_corpus(corpus)["sim001"].read_tracks().provenance
         assert [s.arguments["objective"] for s in steps if s.name == "fit_shape"] == ["squares"]
 
     def test_split_and_text_may_change_without_a_new_fit(self, own, capsys):
@@ -431,12 +440,12 @@ class TestHow:
         assert [u.id for u in opened] == ["sim001", "sim002", "sim003"]
         assert [u.split for u in opened].count("test") == 1
         # Nothing says that there are pulses: sound and recording begin together.
-        assert opened["sim001"].tracks.start_time == 0.0
-        assert read_sound(opened["sim001"].sound).channels == 2
+        assert opened["sim001"].read_tracks().start_time == 0.0
+        assert read_sound(opened["sim001"].sound_file).channels == 2
 
     def test_labels_of_all_in_one_file(self, own, capsys):
         lab, corpus = own
-        before = {u.id: u.phones for u in open_corpus(corpus)}
+        before = {u.id: u.read_phones() for u in open_corpus(corpus)}
         labels = []
         for path in sorted((lab / "labels").iterdir()):
             (tier,) = [t for t in read_labels(path).tiers if t.name == "phones"]
@@ -450,8 +459,10 @@ class TestHow:
         # Missing recordings are bad; that of sim002 shows how its labels are found.
         assert convert(lab, corpus) == 1
         (utterance,) = open_corpus(corpus)
-        assert utterance.phones.phones == before["sim002"].phones
-        np.testing.assert_allclose(utterance.phones.starts, before["sim002"].starts, atol=1e-6)
+        assert utterance.read_phones().phones == before["sim002"].phones
+        np.testing.assert_allclose(
+            utterance.read_phones().starts, before["sim002"].starts, atol=1e-6
+        )
 
     def test_an_estimate_says_that_it_is_one(self, own, rng, capsys):
         """A voice that is louder the farther the lips are apart; the first frame is at 0.1 s."""
@@ -478,10 +489,10 @@ class TestHow:
         assert "3 ESTIMATED" in shown.out
         for utterance in open_corpus(out):
             assert any("is an estimate" in line for line in utterance.checks)
-            (sync,) = [s for s in utterance.tracks.provenance if s.name == "synchronise"]
+            (sync,) = [s for s in utterance.read_tracks().provenance if s.name == "synchronise"]
             assert (sync.arguments["kind"], sync.arguments["is_estimate"]) == ("estimate", True)
-            assert utterance.tracks.start_time == pytest.approx(0.1, abs=0.04)
-            assert utterance.tracks.rate == 30.0
+            assert utterance.read_tracks().start_time == pytest.approx(0.1, abs=0.04)
+            assert utterance.read_tracks().rate == 30.0
 
     @pytest.mark.slow
     def test_a_phone_set_of_ones_own_comes_along(self, own):
@@ -529,8 +540,10 @@ def test_speakers_and_sessions_have_reference_poses_of_their_own(own, capsys):
     assert about == [("speaker", "1"), ("second", ""), ("speaker", "b")]
     for utterance in opened:
         truth = read_parquet(lab / "truth" / "tracks" / f"{utterance.id}.parquet")
-        error = np.sqrt(np.nanmean((utterance.tracks.values - truth.values) ** 2))
+        error = np.sqrt(np.nanmean((utterance.read_tracks().values - truth.values) ** 2))
         assert error < 0.1
-    steps = {u.id: [s for s in u.tracks.provenance if s.name == "bind_markers"] for u in opened}
+    steps = {
+        u.id: [s for s in u.read_tracks().provenance if s.name == "bind_markers"] for u in opened
+    }
     references = {name: step[0].arguments["reference"] for name, step in steps.items()}
     assert references == {"sim001": "reference", "sim002": "other", "sim003": "again"}

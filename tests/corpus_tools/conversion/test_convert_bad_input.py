@@ -228,7 +228,7 @@ def test_labels_after_the_end_of_a_sound_without_pulses(own, capsys):
 def test_a_table_without_a_rate_has_the_manifests(own, capsys):
     lab, corpus = own
     tracks = read_tracks(recording(lab, "sim002"))
-    before = open_corpus(corpus)["sim002"].tracks
+    before = open_corpus(corpus)["sim002"].read_tracks()
     header = ",".join(f"{name}_{axis}" for name in tracks.names for axis in "xyz")
     rows = tracks.positions.reshape(tracks.frames, -1)
     table = recording(lab, "sim002").with_suffix(".csv")
@@ -237,7 +237,7 @@ def test_a_table_without_a_rate_has_the_manifests(own, capsys):
     recording(lab, "sim002").unlink()
     edited(lab / "manifest.toml", "recordings/{id}.tsv", "recordings/{id}.*")
     assert convert(lab, corpus) == 0
-    after = open_corpus(corpus)["sim002"].tracks
+    after = open_corpus(corpus)["sim002"].read_tracks()
     assert after.rate == pytest.approx(before.rate)
     assert np.nanmax(np.abs(after.values - before.values)) < 0.01
 

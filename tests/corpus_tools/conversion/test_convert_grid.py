@@ -57,17 +57,20 @@ def phones_of(path):
 def test_every_utterance_and_every_phone_is_there(folder, corpus):
     opened = open_corpus(corpus)
     assert len(opened) == 287
-    assert {name: len(opened.split(name)) for name in opened.splits} == {"test": 87, "train": 200}
+    assert {name: len(opened.get_split(name)) for name in opened.splits} == {
+        "test": 87,
+        "train": 200,
+    }
     tokens = 0
     for utterance in opened:
         expected = phones_of(folder / "labels" / f"{utterance.id}.TextGrid")
-        found = [(s.start, s.end, s.phone) for s in utterance.phones]
+        found = [(s.start, s.end, s.phone) for s in utterance.read_phones()]
         assert found == expected
         tokens += len(found)
-        assert all(np.isfinite(s.energy_db) for s in utterance.phones)
-        assert utterance.tracks.start_time == 0.02
-        assert utterance.tracks.rate == 25.0
-    frames = [u.tracks for u in opened]
+        assert all(np.isfinite(s.energy_db) for s in utterance.read_phones())
+        assert utterance.read_tracks().start_time == 0.02
+        assert utterance.read_tracks().rate == 25.0
+    frames = [u.read_tracks() for u in opened]
     unseen = sum(int(np.isnan(t.residuals).sum()) for t in frames)
     print(f"\n287 utterances, {tokens} phones, {sum(t.frames for t in frames)} frames")
     # Frames in which the video shows no landmark at all.
@@ -78,7 +81,7 @@ def test_vowels_are_louder_than_silence(corpus):
     energies = {"vowel": [], "silence": []}
     opened = open_corpus(corpus)
     for utterance in opened:
-        for segment in utterance.phones:
+        for segment in utterance.read_phones():
             kind = opened.phone_set.get_phone(segment.phone).kind
             if kind in energies:
                 energies[kind].append(segment.energy_db)

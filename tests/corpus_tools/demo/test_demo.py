@@ -162,14 +162,14 @@ def test_the_report_tells_neither_place_nor_time(made):
 def test_models_are_scored_on_sentences_that_they_have_not_seen(made, report):
     scores = report["control_models"]
     corpus = open_corpus(made / "corpus")
-    assert scores["utterances"] == {s: len(corpus.split(s)) for s in ("test", "train")}
-    assert scores["scores"]["utterances"] == len(corpus.split("test"))
+    assert scores["utterances"] == {s: len(corpus.get_split(s)) for s in ("test", "train")}
+    assert scores["scores"]["utterances"] == len(corpus.get_split("test"))
     trained = [control.load(path) for path in sorted((made / "models").iterdir())]
     assert {model.title for model in trained} == set(scores["scores"]["models"])
     for model in trained:
         about = model.trained_on_
         kept = about["utterances"] + about["validation_utterances"]
-        assert kept == len(corpus.split("train"))
+        assert kept == len(corpus.get_split("train"))
 
 
 def test_the_page_holds_every_figure_and_the_movie(made):

@@ -28,10 +28,10 @@ def corpus():
             name=name,
         )
         tracks = ParameterTracks(("jaw_rotation", "lip_rounding"), 60.0, values, name=name)
-        return Utterance.of(tracks, phones, split=split, speaker="s", checks=("look",))
+        return Utterance.from_tracks(tracks, phones, split=split, speaker="s", checks=("look",))
 
     given = [utterance(name, "test" if name == "c" else "train") for name in "abc"]
-    return Corpus.of(given, "en-arpabet")
+    return Corpus.from_utterances(given, "en-arpabet")
 
 
 def test_labels(tmp_path, capsys):

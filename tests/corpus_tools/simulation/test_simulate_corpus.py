@@ -234,7 +234,7 @@ def test_what_convert_finds_is_the_truth(corpora, tmp_path):
     assert [utterance.id for utterance in corpus] == names(path)
     for utterance in corpus:
         truth = read_parquet(path / "truth" / "tracks" / f"{utterance.id}.parquet")
-        tracks = utterance.tracks
+        tracks = utterance.read_tracks()
         assert tracks.start_time == pytest.approx(truth.start_time, abs=1e-3)
         close = np.abs(tracks.values - truth.values)
         assert np.nanmedian(close) < 0.06

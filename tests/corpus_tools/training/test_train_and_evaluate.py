@@ -33,14 +33,14 @@ def utterance(i: int, split: str) -> Utterance:
         values + rng.normal(0, 0.01, values.shape),
         name=phones.name,
     )
-    return Utterance.of(tracks, phones, split=split, text=" ".join(symbols))
+    return Utterance.from_tracks(tracks, phones, split=split, text=" ".join(symbols))
 
 
 @pytest.fixture(scope="module")
 def corpus_folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("corpora") / "small"
     made = [utterance(i, "test" if i % 4 == 0 else "train") for i in range(24)]
-    save_corpus(Corpus.of(made, "en-arpabet"), folder)
+    save_corpus(Corpus.from_utterances(made, "en-arpabet"), folder)
     return folder
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from corpus_tools.cli import app as cli
-from mocap_fit.corpus import read_utterances, write_utterances
+from mocap_fit.utterance import read_utterances, write_utterances
 
 
 @pytest.fixture(scope="session")

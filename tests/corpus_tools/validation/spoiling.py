@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 
-from mocap_fit.corpus import read_utterances, write_utterances
 from mocap_fit.sound import Sound, read_sound, write_sound
 from mocap_fit.tracks import (
     MarkerTracks,
@@ -22,6 +21,7 @@ from mocap_fit.tracks import (
     read_parquet,
     write_parquet,
 )
+from mocap_fit.utterance import read_utterances, write_utterances
 
 
 @dataclass(frozen=True)

@@ -320,20 +320,20 @@ def test_a_corpus_in_memory_that_was_saved_has_no_provenance(small, tmp_path):
     from mocap_fit.tracks import ParameterTracks
 
     kept = [
-        Utterance.of(
+        Utterance.from_tracks(
             ParameterTracks(
-                u.tracks.names,
-                u.tracks.rate,
-                u.tracks.values,
+                u.read_tracks().names,
+                u.read_tracks().rate,
+                u.read_tracks().values,
                 name=u.id,
-                start_time=u.tracks.start_time,
+                start_time=u.read_tracks().start_time,
             ),
-            u.phones,
+            u.read_phones(),
             split=u.split,
         )
         for u in open_corpus(small)
     ]
-    save_corpus(Corpus.of(kept, "sv-sta"), tmp_path / "saved")
+    save_corpus(Corpus.from_utterances(kept, "sv-sta"), tmp_path / "saved")
     found = found_in(tmp_path / "saved")
     assert set(listed(found)) == {"MF003", "MF509"}
     assert sum(code == "MF509" for code in listed(found)) == 3

@@ -13,7 +13,8 @@ from test_planted_defects import matches
 
 from corpus_tools.cli import app as cli
 from corpus_tools.validation.validate import validate
-from mocap_fit.corpus import open_corpus, read_utterances, write_utterances
+from mocap_fit.corpus import open_corpus
+from mocap_fit.utterance import read_utterances, write_utterances
 
 pytestmark = pytest.mark.slow
 
@@ -56,7 +57,7 @@ def test_all_defects_at_once_are_found_each_in_its_utterance(whole, tmp_path):
     names = [
         utterance.id
         for utterance in open_corpus(whole)
-        if utterance.duration > 3.2 and set(utterance.phones.phones) & {"B", "P", "M"}
+        if utterance.duration > 3.2 and set(utterance.read_phones().phones) & {"B", "P", "M"}
     ]
     assert len(names) >= len(DEFECTS) + 40
     corpus = part(whole, tmp_path / "corpus", names[: len(DEFECTS) + 40])
