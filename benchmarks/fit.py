@@ -247,10 +247,10 @@ def scipy_least_squares(problem: Problem, frames: int) -> Answer:
     x, values, evaluations = binding.reference_parameters, [], []
 
     def residuals(values: FloatArray, target: FloatArray) -> FloatArray:
-        return roots * np.sqrt(np.linalg.norm(evaluator.markers(values)[0] - target, axis=1))
+        return roots * np.sqrt(np.linalg.norm(evaluator.evaluate(values)[0] - target, axis=1))
 
     def slopes(values: FloatArray, target: FloatArray) -> FloatArray:
-        positions, jacobian = evaluator.markers(values)
+        positions, jacobian = evaluator.evaluate(values)
         difference = positions - target
         distances = np.maximum(np.linalg.norm(difference, axis=1), 1e-9)
         slope = np.einsum("mi,mip->mp", difference, jacobian)

@@ -125,7 +125,7 @@ def run(
     speaker = fit_speaker(face, layout, reference)
     make_folder(out)
     settings = settings or {}
-    task = Task(speaker, settings, speaker.fingerprint(**settings), fresh)
+    task = Task(speaker, settings, speaker.compute_fingerprint(**settings), fresh)
     targets = [out / f"{file.stem}.parquet" for file in files]
     _remove_partial(targets)
     seconds = {"speaker": time.perf_counter() - began}

@@ -38,7 +38,7 @@ _REPORTED = (
 
 
 class FitSettings(TypedDict, total=False):
-    """How recordings are fitted: keywords of `Speaker.fit_shape` and `Speaker.fingerprint`."""
+    """How recordings are fitted: keywords of `Speaker.fit_shape` and `Speaker.compute_fingerprint`."""
 
     objective: Objective
     solver: str
@@ -57,7 +57,7 @@ class Task:
     settings
         Keywords of `Speaker.fit_shape`.
     fingerprint
-        `Speaker.fingerprint` with these.
+        `Speaker.compute_fingerprint` with these.
     fresh
         Fit also what is fitted already.
     """

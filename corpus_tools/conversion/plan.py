@@ -180,7 +180,7 @@ def make_plan(
             unusable[pattern] = describe_error(error)
             continue
         speakers[pattern] = speaker
-        both = f"{speaker.fingerprint(**options)}\0{shared}"
+        both = f"{speaker.compute_fingerprint(**options)}\0{shared}"
         fingerprints[pattern] = hashlib.sha256(both.encode()).hexdigest()
     if not speakers:
         # One that cannot be used is no fault of the reference poses.

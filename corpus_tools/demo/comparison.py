@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from mocap_fit.errors import DataError
 from mocap_fit.fitting import Binding, ShapeFit
-from mocap_fit.fitting.precision import parameter_covariance
+from mocap_fit.fitting.precision import compute_covariance
 from mocap_fit.head import HeadMotion
 from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks, PoseTracks
 
@@ -208,7 +208,7 @@ def parameter_bounds(
     sigma = noise * binding.orientation.scale
     for frame in np.flatnonzero(recording.motion.known):
         positions, jacobian = binding.evaluate(recording.truth.values[frame])
-        covariance = parameter_covariance(
+        covariance = compute_covariance(
             jacobian[seen[frame]],
             np.ones(int(seen[frame].sum())),
             positions=positions[seen[frame]],

@@ -196,7 +196,7 @@ class Session:
         )
         markers = np.concatenate(
             [
-                self._evaluator.markers_of_frames(truth.values)[0],
+                self._evaluator.evaluate_frames(truth.values)[0],
                 np.repeat(self.binding.head_positions[None], frames, axis=0),
             ],
             axis=1,

@@ -16,7 +16,7 @@ from mocap_fit.atomic_file import make_folder, write_text
 from mocap_fit.errors import ConfigurationError, MocapFitError, with_path
 from mocap_fit.face import load_face
 from mocap_fit.fitting import load_layout
-from mocap_fit.fitting.layout import shipped_layouts
+from mocap_fit.fitting.layout import list_layouts
 from mocap_fit.io import write_qualisys_tsv
 from mocap_fit.labels.readers import Label, Labels, Tier, write_labels
 from mocap_fit.phones import PhoneSequence, PhoneSet
@@ -118,7 +118,7 @@ def run(
     if takes is not None:
         write_text(out / "truth" / "sync.json", console.json_text(clocks) + "\n")
         write_text(out / "sentences.tsv", takes.table(names))
-        if layout not in shipped_layouts():
+        if layout not in list_layouts():
             # A manifest names files under its root alone.
             write_text(out / _LAYOUT, Path(layout).read_text(encoding="utf-8"))
             layout = _LAYOUT

@@ -9,7 +9,7 @@ import numpy as np
 
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.fitting import Layout, load_layout
-from mocap_fit.fitting.layout import shipped_layouts
+from mocap_fit.fitting.layout import list_layouts
 from mocap_fit.tracks import FloatArray, MarkerTracks, rigid_transforms, spread
 from mocap_fit.tracks.robust import robust_rigid_transforms
 
@@ -252,7 +252,7 @@ def directions(matrix: FloatArray) -> str:
 def known_layout(names: Sequence[str]) -> Layout | None:
     """The shipped layout that most of its markers' names say; None where none does."""
     best, found = _KNOWN_SHARE, None
-    for name in shipped_layouts():
+    for name in list_layouts():
         layout = load_layout(name)
         wanted = [marker.name for marker in layout.markers]
         share = sum(marker in names for marker in wanted) / len(wanted)

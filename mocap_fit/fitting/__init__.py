@@ -1,7 +1,7 @@
 """Fitting: from marker tracks to face parameters."""
 
 from mocap_fit.fitting.binding import Binding, bind_markers
-from mocap_fit.fitting.layout import Layout, LayoutMarker, load_layout, shipped_layouts
+from mocap_fit.fitting.layout import Layout, LayoutMarker, list_layouts, load_layout
 from mocap_fit.fitting.memory import check_memory, estimate_memory
 from mocap_fit.fitting.orientation import Orientation, fit_orientation
 from mocap_fit.fitting.over_time import fit_over_time
@@ -23,6 +23,6 @@ __all__ = [
     "fit_over_time",
     "fit_shape",
     "fit_speaker",
+    "list_layouts",
     "load_layout",
-    "shipped_layouts",
 ]

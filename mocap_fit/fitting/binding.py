@@ -13,7 +13,8 @@ from mocap_fit.face import CompiledRig, Rig, to_parameters
 from mocap_fit.face.mesh import IndexArray, Mesh
 from mocap_fit.face.rig import evaluate_jacobian
 from mocap_fit.fitting.layout import Layout
-from mocap_fit.fitting.orientation import Orientation, reference_pose
+from mocap_fit.fitting.orientation import Orientation
+from mocap_fit.head.reference import compute_median_pose
 from mocap_fit.tracks import FloatArray, MarkerTracks
 
 # A marker tied to a feature point looks for its triangle within this many mouth widths of it.
@@ -102,12 +103,12 @@ class Binding:
         else:
             vertices = self.rig.deform(parameters)[self.vertex_ids]
             slopes = self.rig.jacobian(parameters)[self.vertex_ids]
-        return virtual_markers(
+        return compute_virtual_markers(
             vertices, slopes, self.corners, self.coordinates, self.ring_starts, self.rings
         )
 
 
-def virtual_markers(
+def compute_virtual_markers(
     vertices: FloatArray,
     slopes: FloatArray,
     corners: NDArray[np.int64],
@@ -190,7 +191,7 @@ def bind_markers(
     feature point where it has one: at the seam of the lips the nearest triangle of the whole
     face would be a coin flip.
     """
-    pose = reference_pose(reference)
+    pose = compute_median_pose(reference)
     missing = [marker.name for marker in layout.face_markers if marker.name not in pose]
     if missing:
         what = "a face marker" if len(missing) == 1 else f"{len(missing)} face markers"
@@ -202,25 +203,25 @@ def bind_markers(
     parameters = to_parameters(layout.reference_parameters, rig.parameter_names)
     vertices = rig.deform(parameters)
     mesh = rig.mesh
-    corners, places = [], []
+    corners, positions = [], []
     for marker in layout.face_markers:
-        place = orientation.apply(pose[marker.name])
-        candidates = _candidates(mesh, vertices, marker.region, marker.feature_point)
+        position = orientation.apply(pose[marker.name])
+        candidates = _list_candidates(mesh, vertices, marker.region, marker.feature_point)
         if candidates.size == 0:
             raise ConfigurationError(
                 f"no triangle of the face is in the region of the marker '{marker.name}'",
                 found=f"region {list(marker.region)}, feature point {marker.feature_point}",
                 advice="Name a region that holds the feature point.",
             )
-        chosen = candidates[_nearest_triangle(place, vertices[mesh.triangles[candidates]])]
-        corners.append(_from_nearest_corner(mesh.triangles[chosen], vertices, place))
-        places.append(place)
+        chosen = candidates[_find_nearest_triangle(position, vertices[mesh.triangles[candidates]])]
+        corners.append(_rotate_corners(mesh.triangles[chosen], vertices, position))
+        positions.append(position)
     head = {
         marker.name: (orientation.apply(pose[marker.name]), marker.weight)
         for marker in layout.head_markers
         if marker.name in pose
     }
-    tied = _tied(rig, vertices, np.array(corners), np.array(places))
+    tied = _bind(rig, vertices, np.array(corners), np.array(positions))
     return Binding(
         rig=rig,
         names=tuple(marker.name for marker in layout.face_markers),
@@ -234,7 +235,7 @@ def bind_markers(
         rings=tied.rings,
         compiled=rig.compile(tied.vertex_ids),
         head_names=tuple(head),
-        head_positions=np.array([place for place, _ in head.values()]).reshape(-1, 3),
+        head_positions=np.array([position for position, _ in head.values()]).reshape(-1, 3),
         head_weights=np.array([weight for _, weight in head.values()]),
     )
 
@@ -250,7 +251,7 @@ def check_recording(binding: Binding, recording: MarkerTracks) -> None:
         )
 
 
-class _Tied(NamedTuple):
+class _Bound(NamedTuple):
     vertex_ids: IndexArray
     corners: NDArray[np.int64]
     coordinates: FloatArray
@@ -258,8 +259,8 @@ class _Tied(NamedTuple):
     rings: NDArray[np.int64]
 
 
-def _tied(rig: Rig, vertices: FloatArray, corners: IndexArray, places: FloatArray) -> _Tied:
-    """Coordinates s, t, u of places with respect to triangles, and the rings they need."""
+def _bind(rig: Rig, vertices: FloatArray, corners: IndexArray, positions: FloatArray) -> _Bound:
+    """Coordinates s, t, u of positions with respect to triangles, and the rings they need."""
     triangles = rig.mesh.triangles
     starts, rings = [0], []
     for corner in corners:
@@ -279,16 +280,16 @@ def _tied(rig: Rig, vertices: FloatArray, corners: IndexArray, places: FloatArra
     # The normal at v1 comes out of eq. 2 itself, with s = t = 0 and u = 1.
     only_normal = np.tile([0.0, 0.0, 1.0], (len(corners), 1))
     no_slopes = np.zeros((*local.shape, 0))
-    tips, _ = virtual_markers(
+    tips, _ = compute_virtual_markers(
         local, no_slopes, local_corners, only_normal, ring_starts, local_rings
     )
     first, second, third = (local[local_corners[:, i]] for i in range(3))
     axes = np.stack([second - first, third - first, tips - first], axis=2)
-    coordinates = np.linalg.solve(axes, (places - first)[:, :, None])[:, :, 0]
-    return _Tied(vertex_ids, local_corners, coordinates, ring_starts, local_rings)
+    coordinates = np.linalg.solve(axes, (positions - first)[:, :, None])[:, :, 0]
+    return _Bound(vertex_ids, local_corners, coordinates, ring_starts, local_rings)
 
 
-def _candidates(
+def _list_candidates(
     mesh: Mesh, vertices: FloatArray, region: tuple[str, ...], feature_point: str | None
 ) -> IndexArray:
     """Triangles that a marker may be tied to, as indices."""
@@ -307,7 +308,7 @@ def _candidates(
     return np.flatnonzero(allowed[mesh.triangles].all(axis=1))
 
 
-def _nearest_triangle(point: FloatArray, triangles: FloatArray) -> int:
+def _find_nearest_triangle(point: FloatArray, triangles: FloatArray) -> int:
     """Index of the triangle, of `(triangles, 3, 3)`, whose nearest point is nearest."""
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
     normal = np.cross(b - a, c - a)
@@ -326,9 +327,7 @@ def _nearest_triangle(point: FloatArray, triangles: FloatArray) -> int:
     return int(np.argmin(squared))
 
 
-def _from_nearest_corner(
-    triangle: IndexArray, vertices: FloatArray, point: FloatArray
-) -> IndexArray:
+def _rotate_corners(triangle: IndexArray, vertices: FloatArray, point: FloatArray) -> IndexArray:
     """The triangle's corners, in order, starting from the one nearest to the point."""
     nearest = int(np.argmin(np.linalg.norm(vertices[triangle] - point, axis=1)))
     return np.roll(triangle, -nearest)

@@ -63,7 +63,7 @@ class FrameCosts:
         residuals, duals = np.empty((2, *self.targets.shape))
         for start in range(0, frames, _AT_ONCE):
             part = slice(start, min(start + _AT_ONCE, frames))
-            positions, jacobian = self.evaluator.markers_of_frames(values[part])
+            positions, jacobian = self.evaluator.evaluate_frames(values[part])
             weights = self.weights[part]
             residual = np.where(
                 weights[:, :, None] > 0, positions - np.nan_to_num(self.targets[part]), 0.0
@@ -74,31 +74,33 @@ class FrameCosts:
             pull = (weights * slope)[:, :, None] * residual
             gradients[part] = np.einsum("tmi,tmip->tp", pull, jacobian)
             rows = jacobian.reshape(len(residual), -1, count)
-            information[part] = _weighted(rows, np.repeat(weights, 3, axis=1))
+            information[part] = _compute_information(rows, np.repeat(weights, 3, axis=1))
             if self.objective == "squares":
                 curvatures[part] = 2.0 * information[part]
             else:
                 unit = residual / np.maximum(distance, _LEAST)[:, :, None]
-                dual = unit if before is None else _next_duals(before, part, residual)
+                dual = unit if before is None else _update_duals(before, part, residual)
                 along = np.einsum("tmi,tmip->tmp", unit, jacobian)
                 across = np.einsum("tmi,tmip->tmp", dual, jacobian)
                 straight = (weights * slope * bend)[:, :, None] * along
                 mixed = np.swapaxes(straight, 1, 2) @ across
-                curvatures[part] = _weighted(rows, np.repeat(weights * slope, 3, axis=1))
+                curvatures[part] = _compute_information(rows, np.repeat(weights * slope, 3, axis=1))
                 curvatures[part] -= 0.5 * (mixed + np.swapaxes(mixed, 1, 2))
                 duals[part] = dual
             residuals[part] = residual
         return LocalCosts(costs, gradients, curvatures, information, residuals, duals)
 
-    def after(self, values: FloatArray, before: LocalCosts, moved: NDArray[np.bool_]) -> LocalCosts:
+    def update(
+        self, values: FloatArray, before: LocalCosts, moved: NDArray[np.bool_]
+    ) -> LocalCosts:
         """The local form after a step that moved some of the frames."""
         some = FrameCosts(
             self.evaluator, self.targets[moved], self.weights[moved], self.objective, self.threshold
         )
         new = some.at(values[moved], LocalCosts(*(old[moved] for old in before)))
         merged = LocalCosts(*(old.copy() for old in before))
-        for whole, part in zip(merged, new, strict=True):
-            whole[moved] = part
+        for values_of_all, part in zip(merged, new, strict=True):
+            values_of_all[moved] = part
         return merged
 
     def _shape(self, distance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -113,7 +115,7 @@ class FrameCosts:
         return value, 2.0 * knee / np.maximum(distance, knee), np.where(near, 0.0, 1.0)
 
 
-def _next_duals(before: LocalCosts, part: slice, residuals: FloatArray) -> FloatArray:
+def _update_duals(before: LocalCosts, part: slice, residuals: FloatArray) -> FloatArray:
     """Duals of some frames after a step to new residuals."""
     old, duals = before.residuals[part], before.duals[part]
     distance = np.maximum(np.linalg.norm(old, axis=2, keepdims=True), _LEAST)
@@ -122,12 +124,12 @@ def _next_duals(before: LocalCosts, part: slice, residuals: FloatArray) -> Float
     return np.asarray(new / np.maximum(np.linalg.norm(new, axis=2, keepdims=True), 1.0))
 
 
-def _weighted(rows: FloatArray, weights: FloatArray) -> FloatArray:
+def _compute_information(rows: FloatArray, weights: FloatArray) -> FloatArray:
     """``Jᵀ W J`` of every frame."""
     return np.asarray(np.swapaxes(rows * weights[:, :, None], 1, 2) @ rows)
 
 
-class Gauge(NamedTuple):
+class CostScale(NamedTuple):
     """What costs mean, for Gaussian noise.
 
     Parameters
@@ -142,7 +144,7 @@ class Gauge(NamedTuple):
     kappa: float
 
 
-def gauge_of(objective: Objective, threshold: float, noise: float) -> Gauge:
+def compute_cost_scale(objective: Objective, threshold: float, noise: float) -> CostScale:
     """Size up an objective, for noise of some standard deviation in every coordinate.
 
     An M-estimator with the pull psi has the variance ``V / B²`` per information, with
@@ -151,7 +153,7 @@ def gauge_of(objective: Objective, threshold: float, noise: float) -> Gauge:
     For Gaussian noise ``E div psi = E psi · r / noise²``.
     """
     if objective == "squares":
-        return Gauge(noise**2, 2.0 * noise**2)
+        return CostScale(noise**2, 2.0 * noise**2)
     length = np.linspace(0.0, 10.0, 4001)
     chance = length**2 * np.exp(-0.5 * length**2)
     chance /= chance.sum()
@@ -163,4 +165,4 @@ def gauge_of(objective: Objective, threshold: float, noise: float) -> Gauge:
     )
     size = float(chance @ pull**2) / 3.0
     curve = float(chance @ (pull * distance)) / (3.0 * noise**2)
-    return Gauge(size / curve**2, size / curve)
+    return CostScale(size / curve**2, size / curve)

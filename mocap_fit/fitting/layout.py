@@ -43,7 +43,7 @@ class LayoutMarker(StrictModel):
     position: tuple[float, float, float] | None = None
 
     @model_validator(mode="after")
-    def _complete(self) -> LayoutMarker:
+    def _check_marker(self) -> LayoutMarker:
         if self.orientation and self.feature_point is None:
             raise ValueError(f"'{self.name}' has orientation = true but no feature_point")
         if self.role == "face" and self.feature_point is None and not self.region:
@@ -78,7 +78,7 @@ class Layout(StrictModel):
     markers: tuple[LayoutMarker, ...]
 
     @model_validator(mode="after")
-    def _consistent(self) -> Layout:
+    def _check_markers(self) -> Layout:
         names = [marker.name for marker in self.markers]
         duplicates = sorted({name for name in names if names.count(name) > 1})
         if duplicates:
@@ -105,7 +105,7 @@ class Layout(StrictModel):
         return tuple(marker for marker in self.markers if marker.role == "head")
 
 
-def shipped_layouts() -> tuple[str, ...]:
+def list_layouts() -> tuple[str, ...]:
     """Names of the layouts that come with the package."""
     return list_shipped(__package__, "layouts")
 

@@ -1,8 +1,8 @@
 """nlopt's own C functions, called with a compiled objective: no Python in between.
 
-nlopt's Python wheels hold its C library; where they let its functions be seen, a whole frame is
-minimised without a Python call. Where they do not, or numba is not there, `nlopt_solver.py` does
-the same through nlopt's Python classes, slower.
+nlopt's Python wheels contain its C library; where they export its functions, a frame is minimised
+without a Python call. Where they do not, or numba is missing, `nlopt_solver.py` does the same
+through nlopt's Python classes, slower.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numba import extending
 from numpy.typing import NDArray
 
 from mocap_fit.fitting.kernel import evaluate, inner
-from mocap_fit.fitting.slots import LANES, SLOT, Slots, aligned_zeros
+from mocap_fit.fitting.packed_binding import SLOT, WIDTH, PackedBinding, allocate_aligned
 from mocap_fit.tracks import FloatArray
 
 # Numba has no types for a checker to read.
@@ -43,21 +43,27 @@ _SIGNATURES: dict[str, tuple[Any, tuple[Any, ...]]] = {
 
 
 @cache
-def library() -> Any:
-    """Nlopt's C functions, or None where the wheel does not show them."""
+def load_library() -> Any:
+    """Load nlopt's C functions.
+
+    Returns
+    -------
+    ctypes.CDLL or None
+        The library; None where the wheel does not export them.
+    """
     try:
-        found = ctypes.CDLL(nlopt._nlopt.__file__)
+        functions = ctypes.CDLL(nlopt._nlopt.__file__)
         for name, (result, arguments) in _SIGNATURES.items():
-            function = getattr(found, name)
+            function = getattr(functions, name)
             function.restype, function.argtypes = result, list(arguments)
     except (AttributeError, OSError):
         return None
-    return found
+    return functions
 
 
 @_intrinsic  # type: ignore[untyped-decorator]
-def _pointer(context: Any, address: Any) -> Any:
-    """A number as a pointer."""
+def _to_pointer(context: Any, address: Any) -> Any:
+    """Convert an integer to a pointer."""
 
     def generate(code: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.inttoptr(arguments[0], code.get_value_type(signature.return_type))
@@ -67,7 +73,7 @@ def _pointer(context: Any, address: Any) -> Any:
 
 @_intrinsic  # type: ignore[untyped-decorator]
 def _is_null(context: Any, pointer: Any) -> Any:
-    """Whether a pointer points nowhere: nlopt then asks for no gradient."""
+    """Return whether a pointer is null: nlopt then wants no gradient."""
 
     def generate(code: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         word = builder.ptrtoint(arguments[0], code.get_value_type(_types.int64))
@@ -76,14 +82,15 @@ def _is_null(context: Any, pointer: Any) -> Any:
     return _types.boolean(pointer), generate
 
 
-# Rows of the table: addresses and lengths of what `cost` takes, in its order, then these.
-_PLAN, _NUMBERS, _ROOM, _FRAME, _ROWS, _SHARES = range(6)
-_SETTINGS, _SCALE, _STATE, _BEST, _VALUES, _SLOPES, _COUNT = range(6, 13)
+# Rows of the table of addresses and lengths: the arguments of `evaluate`, in order, then these.
+_PLAN, _NUMBERS, _WORKSPACE, _FRAME, _ROWS, _PRODUCTS = range(6)
+_SETTINGS, _SCALE, _STATE, _BEST, _VALUES, _GRADIENT, _COUNT = range(6, 13)
 
 
 @inner
-def _vector(table, row):  # type: ignore[no-untyped-def]
-    return _numba.carray(_pointer(table[row, 0]), table[row, 1], np.float64)
+def _get_vector(table, row):  # type: ignore[no-untyped-def]
+    """Return the array that a row of the table points to."""
+    return _numba.carray(_to_pointer(table[row, 0]), table[row, 1], np.float64)
 
 
 _CALLBACK = _types.float64(
@@ -92,40 +99,49 @@ _CALLBACK = _types.float64(
 
 
 def _cost(count, point, slope, data):  # type: ignore[no-untyped-def]
-    """The cost of the frame that the table points to, for nlopt."""
+    """Return the cost of the frame that the table points to, as nlopt calls it."""
     table = _numba.carray(data, (_COUNT, 2), np.int64)
-    plan = _numba.carray(_pointer(table[_PLAN, 0]), table[_PLAN, 1], np.uint32)
-    numbers, room = _vector(table, np.int64(_NUMBERS)), _vector(table, np.int64(_ROOM))
-    frame, rows = _vector(table, np.int64(_FRAME)), _vector(table, np.int64(_ROWS))
-    shares = _vector(table, np.int64(_SHARES)).reshape((1, np.int64(count), rows.shape[0]))
-    settings, state = _vector(table, np.int64(_SETTINGS)), _vector(table, np.int64(_STATE))
-    scale, best = _vector(table, np.int64(_SCALE)), _vector(table, np.int64(_BEST))
-    values, slopes = _vector(table, np.int64(_VALUES)), _vector(table, np.int64(_SLOPES))
+    plan = _numba.carray(_to_pointer(table[_PLAN, 0]), table[_PLAN, 1], np.uint32)
+    numbers, workspace = (
+        _get_vector(table, np.int64(_NUMBERS)),
+        _get_vector(table, np.int64(_WORKSPACE)),
+    )
+    frame, rows = _get_vector(table, np.int64(_FRAME)), _get_vector(table, np.int64(_ROWS))
+    products = _get_vector(table, np.int64(_PRODUCTS)).reshape((1, np.int64(count), rows.shape[0]))
+    settings, state = (
+        _get_vector(table, np.int64(_SETTINGS)),
+        _get_vector(table, np.int64(_STATE)),
+    )
+    scale, best = _get_vector(table, np.int64(_SCALE)), _get_vector(table, np.int64(_BEST))
+    values, gradient = (
+        _get_vector(table, np.int64(_VALUES)),
+        _get_vector(table, np.int64(_GRADIENT)),
+    )
     x = _numba.carray(point, (count,), np.float64)
     for i in range(count):
         values[i] = x[i] * scale[i]
     value = evaluate(
         plan,
         numbers,
-        room,
+        workspace,
         values.reshape((1, values.shape[0])),
         frame,
         int(settings[0]),
         settings[1],
         rows.reshape((1, rows.shape[0])),
-        shares,
-        slopes,
+        products,
+        gradient,
     )
     state[1] += 1.0
     finite = math.isfinite(value)
     for i in range(count):
-        finite = finite and math.isfinite(slopes[i])
+        finite = finite and math.isfinite(gradient[i])
     if not _is_null(slope):
         g = _numba.carray(slope, (count,), np.float64)
         for i in range(count):
-            g[i] = slopes[i] * scale[i] if finite else 0.0
+            g[i] = gradient[i] * scale[i] if finite else 0.0
     if not finite:
-        # A NaN can hang nlopt's algorithms; a huge cost only turns them back.
+        # A NaN can hang nlopt's algorithms; a huge cost only rejects the point.
         return 1e30
     if value < state[0]:
         state[0] = value
@@ -135,35 +151,48 @@ def _cost(count, point, slope, data):  # type: ignore[no-untyped-def]
 
 
 @cache
-def callback() -> Any:
-    """The cost as nlopt calls it; compiled when it is first asked for."""
+def compile_callback() -> Any:
+    """Compile the cost to a C callback, once.
+
+    Returns
+    -------
+    numba cfunc
+        The callback, whose ``address`` nlopt takes.
+    """
     return _numba.cfunc(_CALLBACK, cache=True, error_model="numpy")(_cost)
 
 
 class NativeSolver:
-    """One of nlopt's algorithms on one binding's frames.
+    """One of nlopt's algorithms, for the frames of one binding.
 
     Parameters
     ----------
-    slots
-        The packed binding.
-    objective, threshold
-        As in `kernel.residuals`.
+    packed
+        Packed binding.
+    objective
+        Number of the objective in the kernel.
+    threshold
+        Huber's threshold, millimetres.
     algorithm
-        nlopt's number of it, such as ``nlopt.LD_SLSQP``.
+        nlopt's number of the algorithm, such as ``nlopt.LD_SLSQP``.
     scale
-        `(parameters,)`: the solver's variables are the parameters over these.
+        Divisors of the parameters, ``(parameters,)``, no unit: the quotients are nlopt's variables.
     bounds
-        `(parameters, 2)`.
+        Bounds of the parameters, ``(parameters, 2)``; 0 is rest, 1 the full gesture.
     tolerances
-        Of the parameters, and of the cost as a part of it.
+        Absolute tolerance of the parameters, and relative tolerance of the cost, no unit.
     maximum_evaluations
-        Of a frame.
+        Largest number of evaluations of a frame.
+
+    Raises
+    ------
+    MemoryError
+        If nlopt cannot allocate the solver.
     """
 
     def __init__(
         self,
-        slots: Slots,
+        packed: PackedBinding,
         *,
         objective: int,
         threshold: float,
@@ -173,17 +202,17 @@ class NativeSolver:
         tolerances: tuple[float, float],
         maximum_evaluations: int,
     ) -> None:
-        count = slots.parameters
-        self._library = library()
+        count = packed.parameters
+        self._library = load_library()
         self._scale, self._bounds = scale, bounds
         self._value = np.zeros(1)
         rows: list[NDArray[Any]] = [
-            slots.plan,
-            slots.numbers,
-            aligned_zeros(slots.room),
-            aligned_zeros(slots.blocks * 4 * LANES),
-            aligned_zeros(slots.blocks * SLOT),
-            aligned_zeros(count * slots.blocks * SLOT),
+            packed.plan,
+            packed.numbers,
+            allocate_aligned(packed.workspace_size),
+            allocate_aligned(packed.blocks * 4 * WIDTH),
+            allocate_aligned(packed.blocks * SLOT),
+            allocate_aligned(count * packed.blocks * SLOT),
             np.array([float(objective), threshold]),
             scale,
             np.zeros(2),
@@ -196,15 +225,17 @@ class NativeSolver:
             if not array.flags.c_contiguous:
                 raise ValueError("the kernel reads contiguous arrays")
             self._table[row] = array.ctypes.data, len(array)
-        # The table holds addresses alone: what they point to must live as long.
-        self._kept = rows
+        # The table holds addresses alone: the arrays must live as long.
+        self._arrays = rows
         c = self._library
         # LN_PRAXIS draws directions: the same ones, whatever was solved before.
         nlopt.srand(1)
         self._optimiser = c.nlopt_create(algorithm, count)
         if not self._optimiser:
-            raise MemoryError("nlopt has no room for another solver")
-        c.nlopt_set_min_objective(self._optimiser, callback().address, self._table.ctypes.data)
+            raise MemoryError("nlopt cannot allocate another solver")
+        c.nlopt_set_min_objective(
+            self._optimiser, compile_callback().address, self._table.ctypes.data
+        )
         self._absolute = np.full(count, tolerances[0]) / scale
         c.nlopt_set_xtol_abs(self._optimiser, self._absolute.ctypes.data)
         c.nlopt_set_ftol_rel(self._optimiser, tolerances[1])
@@ -230,25 +261,26 @@ class NativeSolver:
         Parameters
         ----------
         frames
-            `(frames, blocks · 128)`, from `pack_frames`.
+            Measured markers, ``(frames, blocks · 128)``, millimetres, from `pack_frames`.
         starts
-            `(frames, parameters)`, within the bounds; None to start each frame from the answer to
-            the one before.
+            Where each frame starts, ``(frames, parameters)``, within the bounds; None to start
+            from the result of the frame before. 0 is rest, 1 the full gesture.
         last
-            `(parameters,)`: the answer before the first.
+            Result before the first frame, ``(parameters,)``; 0 is rest, 1 the full gesture.
         fixed
-            `(frames, parameters)`: which parameters keep their value from the frame before.
+            Which parameters keep their value from the frame before, ``(frames, parameters)``, no
+            unit.
 
         Returns
         -------
-        values
-            `(frames, parameters)`: the best points that were met.
-        costs
-            `(frames,)`: the costs there.
-        evaluations
-            `(frames,)`: how often the cost was evaluated.
-        results
-            `(frames,)`: nlopt's.
+        values : ndarray
+            The best points of the search, ``(frames, parameters)``.
+        costs : ndarray
+            Costs at them, ``(frames,)``.
+        evaluations : ndarray
+            Numbers of evaluations, ``(frames,)``.
+        results : ndarray
+            nlopt's results, ``(frames,)``.
         """
         count = len(frames)
         frames = np.ascontiguousarray(frames)
@@ -260,12 +292,12 @@ class NativeSolver:
         # The solver reads and writes in these arrays, frame by frame: nothing is copied.
         table, optimise, optimiser = self._table, self._library.nlopt_optimize, self._optimiser
         value, point, step = self._value.ctypes.data, points.ctypes.data, points.strides[0]
-        places: list[tuple[int, NDArray[Any]]] = [
+        frame_rows: list[tuple[int, NDArray[Any]]] = [
             (_FRAME, frames),
             (_STATE, states),
             (_BEST, values),
         ]
-        for row, array in places:
+        for row, array in frame_rows:
             table[row, 0] = array.ctypes.data
         for i in range(count):
             before = last if i == 0 else values[i - 1]
@@ -283,7 +315,7 @@ class NativeSolver:
             results[i] = optimise(optimiser, point + i * step, value)
             if held[i]:
                 self._set_bounds(self._lower, self._upper)
-            for row, array in places:
+            for row, array in frame_rows:
                 table[row, 0] += array.strides[0]
         return values, states[:, 0], states[:, 1].astype(np.int64), results
 

@@ -1,14 +1,14 @@
 """A Newton solver for the shape fit, compiled, frame after frame.
 
-In each frame the virtual markers are made linear in the parameters at the best point so far; the
-cost of the linear model is minimised, within bounds, by Newton's method; a step along the answer
-that lowers the true cost is taken, and it begins again, until the linear model was as good as
-exact. Two rounds do, as a frame begins with the markers and slopes that the one before ended with.
+In each frame the virtual markers are linearised at the best parameters so far; Newton's method
+minimises the cost of the linear model within the bounds; a step along the result that lowers the
+true cost is taken, and the loop repeats until the linear model predicts the cost. Two rounds are
+enough, as a frame starts from the markers and the Jacobian at the end of the one before.
 
-The sum of distances has no second derivative where a residual is nil, and Newton's method on it
-crawls; the primal-dual form of Chan, Golub and Mulet (SIAM J. Sci. Comput. 20, 1999), made for
-total variation, which is the same kind of sum, keeps a dual variable for each marker's direction
-and converges as if there were one.
+The sum of distances has no second derivative where a residual is 0, and Newton's method converges
+slowly on it; the primal-dual form of Chan, Golub and Mulet (SIAM J. Sci. Comput. 20, 1999),
+developed for total variation, which is the same kind of sum, holds a dual variable for each
+marker's direction and converges quadratically.
 """
 
 from __future__ import annotations
@@ -21,85 +21,99 @@ import numpy as np
 from mocap_fit.fitting.kernel import (
     DISTANCES,
     SQUARES,
-    back,
+    adjoint,
     compiled,
+    cost,
+    forward,
     inner,
-    misfit,
-    place,
     subtract,
-    sum_of_lanes,
+    sum_block,
 )
-from mocap_fit.fitting.slots import LANES, SLOT, Slots, Y, Z, aligned_zeros
+from mocap_fit.fitting.packed_binding import SLOT, WIDTH, PackedBinding, Y, Z, allocate_aligned
 from mocap_fit.tracks import FloatArray
 
-# A distance counts as this much at least (mm), so that it can be divided by.
+# Least distance that is divided by, millimetres.
 _LEAST = 1e-6
 _ROUNDS, _STEPS, _HALVINGS = 30, 60, 12
 _LOOSE = 3e-3
-# Rows of `NewtonRoom.rows`: virtual markers at the best point; residuals there, at the model's
-# best point, and at the point that is tried; the dual variables.
+# Rows of `NewtonWorkspace.rows`: virtual markers at the best point; residuals there, at the model's
+# best point, and at the trial point; the dual variables.
 _VIRTUAL, _START, _HERE, _TRIAL, _DUAL = range(5)
-# Rows of `NewtonRoom.vectors`.
+# Rows of `NewtonWorkspace.vectors`.
 _STEP, _TRIED, _GRADIENT, _FREE, _NEWTON, _NEXT = range(6)
 
 
-class NewtonRoom(NamedTuple):
-    """Where the solver works.
+class NewtonWorkspace(NamedTuple):
+    """Scratch memory of the solver.
 
     Parameters
     ----------
     rows
-        `(5, blocks · 96)`: what the markers have, see above.
-    bends
-        `(7, blocks · 32)`: of each marker the curvature of its cost in its distance, over the
-        distance, and the six numbers of its symmetric 3 × 3 second derivative.
-    slopes
-        `(parameters, blocks · 96)`: derivative of the virtual markers.
-    bent
-        `(parameters, blocks · 96)`: the second derivatives times the slopes.
+        Virtual markers, residuals and duals, ``(5, blocks · 96)``, millimetres.
+    hessians
+        Of each marker's cost by its residual, ``(7, blocks · 32)``: slope over distance, and the
+        six numbers of the symmetric 3 x 3 matrix; per millimetre.
+    jacobian
+        Derivative of the virtual markers, ``(parameters, blocks · 96)``, millimetres per unit.
+    products
+        The Hessians times the Jacobian, ``(parameters, blocks · 96)``, no unit.
     vectors
-        `(6, parameters)`.
-    hessian, factor
-        `(parameters, parameters)`.
-    lanes
-        `(32,)`.
+        Steps, gradients and points, ``(6, parameters)``, in units of the parameters.
+    hessian
+        Second derivatives of the model by the parameters, ``(parameters, parameters)``, in the
+        unit of the cost.
+    factor
+        Cholesky factor of the Hessian, ``(parameters, parameters)``, no unit.
+    sums
+        Partial sums, ``(32,)``, no unit.
     """
 
     rows: FloatArray
-    bends: FloatArray
-    slopes: FloatArray
-    bent: FloatArray
+    hessians: FloatArray
+    jacobian: FloatArray
+    products: FloatArray
     vectors: FloatArray
     hessian: FloatArray
     factor: FloatArray
-    lanes: FloatArray
+    sums: FloatArray
 
 
-def newton_room(slots: Slots) -> NewtonRoom:
-    """Room for the solver."""
-    rows, count = slots.blocks * SLOT, slots.parameters
-    return NewtonRoom(
-        aligned_zeros(5, rows),
-        aligned_zeros(7, rows // 3),
-        aligned_zeros(count, rows),
-        aligned_zeros(count, rows),
-        aligned_zeros(6, count),
-        aligned_zeros(count, count),
-        aligned_zeros(count, count),
-        aligned_zeros(LANES),
+def make_workspace(packed: PackedBinding) -> NewtonWorkspace:
+    """Allocate the solver's scratch memory.
+
+    Parameters
+    ----------
+    packed
+        Packed binding.
+
+    Returns
+    -------
+    NewtonWorkspace
+        Zeros.
+    """
+    rows, count = packed.blocks * SLOT, packed.parameters
+    return NewtonWorkspace(
+        allocate_aligned(5, rows),
+        allocate_aligned(7, rows // 3),
+        allocate_aligned(count, rows),
+        allocate_aligned(count, rows),
+        allocate_aligned(6, count),
+        allocate_aligned(count, count),
+        allocate_aligned(count, count),
+        allocate_aligned(WIDTH),
     )
 
 
 @inner
-def _bend(rows, bends, frame, objective, threshold):  # type: ignore[no-untyped-def]
-    """Second derivative of every marker's cost by its residual, with the dual's direction."""
+def _compute_hessians(rows, hessians, frame, objective, threshold):  # type: ignore[no-untyped-def]
+    """Compute the Hessian of every marker's cost by its residual, with its dual."""
     straight = 1.0 if objective == DISTANCES else 2.0 * threshold
     knee = -1.0 if objective == DISTANCES else threshold
     if objective == SQUARES:
         knee = np.inf
     for block in range(rows.shape[1] // SLOT):
-        r, w, k = block * SLOT, block * 4 * LANES + SLOT, block * LANES
-        for m in range(LANES):
+        r, w, k = block * SLOT, block * 4 * WIDTH + SLOT, block * WIDTH
+        for m in range(WIDTH):
             r0, r1, r2 = rows[_HERE, r + m], rows[_HERE, r + Y + m], rows[_HERE, r + Z + m]
             z0, z1, z2 = rows[_DUAL, r + m], rows[_DUAL, r + Y + m], rows[_DUAL, r + Z + m]
             inverse = 1.0 / math.sqrt(r0 * r0 + r1 * r1 + r2 * r2 + _LEAST * _LEAST)
@@ -107,48 +121,48 @@ def _bend(rows, bends, frame, objective, threshold):  # type: ignore[no-untyped-
             c = frame[w + m] * (straight * inverse if far else 2.0)
             # c (I - (u zᵀ + z uᵀ) / 2), where u is the residual's direction and z its dual.
             h = -0.5 * c * inverse if far else 0.0
-            bends[0, k + m] = c
-            bends[1, k + m] = c + 2.0 * h * r0 * z0
-            bends[2, k + m] = c + 2.0 * h * r1 * z1
-            bends[3, k + m] = c + 2.0 * h * r2 * z2
-            bends[4, k + m] = h * (r0 * z1 + r1 * z0)
-            bends[5, k + m] = h * (r0 * z2 + r2 * z0)
-            bends[6, k + m] = h * (r1 * z2 + r2 * z1)
+            hessians[0, k + m] = c
+            hessians[1, k + m] = c + 2.0 * h * r0 * z0
+            hessians[2, k + m] = c + 2.0 * h * r1 * z1
+            hessians[3, k + m] = c + 2.0 * h * r2 * z2
+            hessians[4, k + m] = h * (r0 * z1 + r1 * z0)
+            hessians[5, k + m] = h * (r0 * z2 + r2 * z0)
+            hessians[6, k + m] = h * (r1 * z2 + r2 * z1)
 
 
 @inner
-def _normal_equations(rows, bends, slopes, bent, lanes, gradient, hessian):  # type: ignore[no-untyped-def]
-    """Gradient and Hessian of the linear model; the lower half of the Hessian."""
+def _build_normal_equations(rows, hessians, jacobian, products, sums, gradient, hessian):  # type: ignore[no-untyped-def]
+    """Compute the gradient and the lower half of the Hessian of the linear model."""
     blocks = rows.shape[1] // SLOT
-    for p in range(slopes.shape[0]):
-        for m in range(LANES):
-            lanes[m] = 0.0
+    for p in range(jacobian.shape[0]):
+        for m in range(WIDTH):
+            sums[m] = 0.0
         for block in range(blocks):
-            r, k = block * SLOT, block * LANES
-            for m in range(LANES):
-                d0, d1, d2 = slopes[p, r + m], slopes[p, r + Y + m], slopes[p, r + Z + m]
+            r, k = block * SLOT, block * WIDTH
+            for m in range(WIDTH):
+                d0, d1, d2 = jacobian[p, r + m], jacobian[p, r + Y + m], jacobian[p, r + Z + m]
                 along = d0 * rows[_HERE, r + m] + d1 * rows[_HERE, r + Y + m]
-                lanes[m] += bends[0, k + m] * (along + d2 * rows[_HERE, r + Z + m])
-                b01, b02, b12 = bends[4, k + m], bends[5, k + m], bends[6, k + m]
-                bent[p, r + m] = bends[1, k + m] * d0 + b01 * d1 + b02 * d2
-                bent[p, r + Y + m] = b01 * d0 + bends[2, k + m] * d1 + b12 * d2
-                bent[p, r + Z + m] = b02 * d0 + b12 * d1 + bends[3, k + m] * d2
-        gradient[p] = sum_of_lanes(lanes, 0)
+                sums[m] += hessians[0, k + m] * (along + d2 * rows[_HERE, r + Z + m])
+                b01, b02, b12 = hessians[4, k + m], hessians[5, k + m], hessians[6, k + m]
+                products[p, r + m] = hessians[1, k + m] * d0 + b01 * d1 + b02 * d2
+                products[p, r + Y + m] = b01 * d0 + hessians[2, k + m] * d1 + b12 * d2
+                products[p, r + Z + m] = b02 * d0 + b12 * d1 + hessians[3, k + m] * d2
+        gradient[p] = sum_block(sums, 0)
         for q in range(p + 1):
-            for m in range(LANES):
-                lanes[m] = 0.0
+            for m in range(WIDTH):
+                sums[m] = 0.0
             for block in range(blocks):
                 r = block * SLOT
-                for m in range(LANES):
-                    first = bent[p, r + m] * slopes[q, r + m]
-                    first += bent[p, r + Y + m] * slopes[q, r + Y + m]
-                    lanes[m] += first + bent[p, r + Z + m] * slopes[q, r + Z + m]
-            hessian[p, q] = sum_of_lanes(lanes, 0)
+                for m in range(WIDTH):
+                    first = products[p, r + m] * jacobian[q, r + m]
+                    first += products[p, r + Y + m] * jacobian[q, r + Y + m]
+                    sums[m] += first + products[p, r + Z + m] * jacobian[q, r + Z + m]
+            hessian[p, q] = sum_block(sums, 0)
 
 
 @inner
 def _solve(hessian, factor, gradient, free, out):  # type: ignore[no-untyped-def]
-    """Newton's step on the free parameters, by Cholesky's factors."""
+    """Solve for Newton's step of the free parameters, by a Cholesky factorisation."""
     count = gradient.shape[0]
     for i in range(count):
         if free[i] == 0.0:
@@ -180,9 +194,9 @@ def _solve(hessian, factor, gradient, free, out):  # type: ignore[no-untyped-def
 
 @inner
 def _update_dual(rows, portion):  # type: ignore[no-untyped-def]
-    """Bring the dual variables along a step, and back into their balls."""
+    """Update the dual variables after a step, and project them into their unit balls."""
     for block in range(rows.shape[1] // SLOT):
-        for m in range(block * SLOT, block * SLOT + LANES):
+        for m in range(block * SLOT, block * SLOT + WIDTH):
             r0, r1, r2 = rows[_HERE, m], rows[_HERE, m + Y], rows[_HERE, m + Z]
             z0, z1, z2 = rows[_DUAL, m], rows[_DUAL, m + Y], rows[_DUAL, m + Z]
             inverse = 1.0 / math.sqrt(r0 * r0 + r1 * r1 + r2 * r2 + _LEAST * _LEAST)
@@ -202,15 +216,16 @@ def _update_dual(rows, portion):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _model_step(  # type: ignore[no-untyped-def]
+def _minimise_model(  # type: ignore[no-untyped-def]
     values, frame, objective, threshold, bounds, fixed, tolerance, work, best
 ):
     """Minimise the linear model within the bounds, from the residuals of the start.
 
-    The step is left in the vectors, the residuals after it in the rows; the cost after it is
-    returned. It ends with the step that was to gain less than ``tolerance`` of the cost.
+    The step is stored in the vectors, the residuals after it in the rows; the cost after it is
+    returned. The last step is the one whose expected decrease is less than ``tolerance`` of the
+    cost.
     """
-    rows, slopes, vectors = work.rows, work.slopes, work.vectors
+    rows, jacobian, vectors = work.rows, work.jacobian, work.vectors
     gradient, newton = vectors[_GRADIENT], vectors[_NEWTON]
     start, trial = rows[_START], rows[_TRIAL]
     count, length = values.shape[0], rows.shape[1]
@@ -220,12 +235,14 @@ def _model_step(  # type: ignore[no-untyped-def]
         rows[_HERE, i] = start[i]
     for step in range(_STEPS):
         kind = SQUARES if step == 0 and tolerance == _LOOSE else objective
-        _bend(rows, work.bends, frame, kind, threshold)
-        _normal_equations(rows, work.bends, slopes, work.bent, work.lanes, gradient, work.hessian)
+        _compute_hessians(rows, work.hessians, frame, kind, threshold)
+        _build_normal_equations(
+            rows, work.hessians, jacobian, work.products, work.sums, gradient, work.hessian
+        )
         for p in range(count):
             vectors[_TRIED, p] = values[p] + vectors[_STEP, p]
-        gain = _newton(vectors[_TRIED], bounds, fixed, work)
-        portion, found, now = 1.0, False, best
+        gain = _compute_newton_step(vectors[_TRIED], bounds, fixed, work)
+        portion, improved, now = 1.0, False, best
         for _ in range(_HALVINGS):
             for i in range(length):
                 trial[i] = start[i]
@@ -233,15 +250,15 @@ def _model_step(  # type: ignore[no-untyped-def]
                 value = values[p] + vectors[_STEP, p] + portion * newton[p]
                 amount = min(max(value, bounds[p, 0]), bounds[p, 1]) - values[p]
                 vectors[_TRIED, p] = amount
-                d = slopes[p]
+                d = jacobian[p]
                 for i in range(length):
                     trial[i] += amount * d[i]
-            now = misfit(trial, frame, objective, threshold, work.lanes)
+            now = cost(trial, frame, objective, threshold, work.sums)
             if now <= best:
-                found = True
+                improved = True
                 break
             portion *= 0.4
-        if not found:
+        if not improved:
             break
         if objective != SQUARES:
             _update_dual(rows, portion)
@@ -256,8 +273,8 @@ def _model_step(  # type: ignore[no-untyped-def]
 
 
 @inner
-def _newton(values, bounds, fixed, work):  # type: ignore[no-untyped-def]
-    """Newton's step at ``values`` by the gradient and the Hessian there; what it is to gain."""
+def _compute_newton_step(values, bounds, fixed, work):  # type: ignore[no-untyped-def]
+    """Compute Newton's step at ``values`` within the bounds; return the expected decrease."""
     vectors = work.vectors
     gradient, free, newton = vectors[_GRADIENT], vectors[_FREE], vectors[_NEWTON]
     for p in range(values.shape[0]):
@@ -274,20 +291,20 @@ def _newton(values, bounds, fixed, work):  # type: ignore[no-untyped-def]
 
 @inner
 def _accept(rows, frame, start, following):  # type: ignore[no-untyped-def]
-    """Take the point that was tried for the best."""
+    """Store the trial point as the best point."""
     for p in range(start.shape[0]):
         start[p] = following[p]
     for block in range(rows.shape[1] // SLOT):
         for m in range(block * SLOT, block * SLOT + SLOT):
             rows[_START, m] = rows[_TRIAL, m]
-            rows[_VIRTUAL, m] = rows[_TRIAL, m] + frame[block * LANES + m]
+            rows[_VIRTUAL, m] = rows[_TRIAL, m] + frame[block * WIDTH + m]
 
 
 @compiled
 def solve_frames(  # type: ignore[no-untyped-def]
     plan,
     numbers,
-    room,
+    workspace,
     work,
     frames,
     start,
@@ -300,31 +317,39 @@ def solve_frames(  # type: ignore[no-untyped-def]
     costs,
     evaluations,
 ):
-    """Minimise the cost of frame after frame, each from the answer before.
+    """Minimise the cost of frame after frame, each from the result of the one before.
 
     Parameters
     ----------
-    plan, numbers, room
-        `Slots`, and `(Slots.room,)`.
+    plan
+        Integers of the packed binding.
+    numbers
+        Numbers of the packed binding.
+    workspace
+        Scratch memory of the kernel, ``(PackedBinding.workspace_size,)``.
     work
-        `NewtonRoom`.
+        Scratch memory of the solver, from `make_workspace`.
     frames
-        `(frames, blocks · 128)`: the measured markers, from `pack_frames`.
+        Measured markers, ``(frames, blocks · 128)``, millimetres, from `pack_frames`.
     start
-        `(parameters,)`, within the bounds: where the first frame begins; at the end, the last
-        answer.
-    objective, threshold
-        As in `kernel.misfit`.
+        Where the first frame starts, ``(parameters,)``, within the bounds; the last result
+        afterwards.
+    objective
+        `kernel.DISTANCES`, `kernel.SQUARES` or `kernel.HUBER`.
+    threshold
+        Huber's threshold, millimetres.
     bounds
-        `(parameters, 2)`.
+        Bounds of the parameters, ``(parameters, 2)``.
     fixed
-        `(frames, parameters)`: which parameters keep their value from the frame before.
+        Which parameters keep their value from the frame before, ``(frames, parameters)``.
     tolerance
-        A frame ends when what is left to gain is less than this part of its cost.
-    values, costs
-        `(frames, parameters)` and `(frames,)`, filled: the answers, and the cost at them.
+        A frame ends when the expected decrease is less than this part of its cost.
+    values
+        Filled with the results, ``(frames, parameters)``.
+    costs
+        Filled with the costs at them, ``(frames,)``.
     evaluations
-        `(frames,)`, filled: how often the virtual markers were placed.
+        Filled with the numbers of evaluations of the virtual markers, ``(frames,)``.
     """
     rows, vectors = work.rows, work.vectors
     virtual, residuals, trial, following = (
@@ -334,41 +359,42 @@ def solve_frames(  # type: ignore[no-untyped-def]
         vectors[_NEXT],
     )
     length, count = rows.shape[1], start.shape[0]
-    # What the linear model may be off by: what is left to gain is of the order of its square.
+    # Error of the linear model that is small enough: the remaining decrease is of the order of its
+    # square.
     close = 0.03 * math.sqrt(tolerance)
-    place(plan, numbers, room, start, virtual)
-    back(plan, numbers, room, np.int64(3), work.slopes)
+    forward(plan, numbers, workspace, start, virtual)
+    adjoint(plan, numbers, workspace, np.int64(3), work.jacobian)
     for f in range(frames.shape[0]):
         frame = frames[f]
         for block in range(length // SLOT):
             for m in range(block * SLOT, block * SLOT + SLOT):
-                residuals[m] = virtual[m] - frame[block * LANES + m]
+                residuals[m] = virtual[m] - frame[block * WIDTH + m]
         for i in range(length):
             rows[_DUAL, i] = 0.0
-        best = misfit(residuals, frame, objective, threshold, work.lanes)
+        best = cost(residuals, frame, objective, threshold, work.sums)
         evaluations[f] = 0
-        # The slopes are those of an earlier frame: near, but not here.
+        # The Jacobian is that of an earlier frame: near, but not here.
         exact = f == 0
         for _ in range(_ROUNDS):
-            # A model that is not exact is not worth an exact answer.
+            # A model that is not exact needs no exact minimum.
             enough = tolerance if exact else max(tolerance, _LOOSE)
-            expected = _model_step(
+            expected = _minimise_model(
                 start, frame, objective, threshold, bounds, fixed[f], enough, work, best
             )
-            portion, found, now = 1.0, False, best
+            portion, improved, now = 1.0, False, best
             for _ in range(_HALVINGS):
                 for p in range(count):
                     following[p] = start[p] + portion * vectors[_STEP, p]
-                place(plan, numbers, room, following, trial)
+                forward(plan, numbers, workspace, following, trial)
                 subtract(trial, frame)
-                now = misfit(trial, frame, objective, threshold, work.lanes)
+                now = cost(trial, frame, objective, threshold, work.sums)
                 evaluations[f] += 1
                 if now <= best:
-                    found = True
+                    improved = True
                     break
                 portion *= 0.5
             fall = best - now
-            if found:
+            if improved:
                 best = now
                 _accept(rows, frame, start, following)
                 as_expected = portion == 1.0 and abs(now - expected) <= close * best
@@ -376,9 +402,9 @@ def solve_frames(  # type: ignore[no-untyped-def]
                     break
             elif exact:
                 break
-            if not found:
-                place(plan, numbers, room, start, trial)
-            back(plan, numbers, room, np.int64(3), work.slopes)
+            if not improved:
+                forward(plan, numbers, workspace, start, trial)
+            adjoint(plan, numbers, workspace, np.int64(3), work.jacobian)
             exact = True
         costs[f] = best
         for p in range(count):

@@ -1,4 +1,4 @@
-"""What the shape fit minimises in a frame: distances, squares, or Huber's compromise."""
+"""The cost of a frame: sum of distances, of squares, or Huber's."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.fitting.binding import Binding
-from mocap_fit.fitting.slots import SLOT, aligned_zeros, pack, pack_frames
+from mocap_fit.fitting.packed_binding import SLOT, allocate_aligned, pack, pack_frames
 from mocap_fit.tracks import FloatArray
 
 Objective = Literal["distances", "squares", "huber"]
@@ -20,8 +20,19 @@ OBJECTIVES: tuple[Objective, ...] = ("distances", "squares", "huber")
 _jacobians: weakref.WeakKeyDictionary[Binding, FloatArray] = weakref.WeakKeyDictionary()
 
 
-def reference_jacobian(binding: Binding) -> FloatArray:
-    """Derivative of the virtual markers in the reference pose, `(markers, 3, parameters)`."""
+def compute_reference_jacobian(binding: Binding) -> FloatArray:
+    """Compute the Jacobian of the virtual markers in the reference pose, once for a binding.
+
+    Parameters
+    ----------
+    binding
+        Virtual markers.
+
+    Returns
+    -------
+    ndarray
+        Jacobian, ``(markers, 3, parameters)``, millimetres per unit.
+    """
     if binding not in _jacobians:
         _, _jacobians[binding] = binding.evaluate(binding.reference_parameters)
     return _jacobians[binding]
@@ -33,89 +44,120 @@ class Evaluator:
     Parameters
     ----------
     binding
-        The virtual markers.
-    objective, threshold
-        See `cost`.
+        Virtual markers.
+    objective
+        Cost of a frame.
+    threshold
+        Huber's threshold, millimetres of the face.
     """
 
     def __init__(self, binding: Binding, objective: Objective, threshold: float) -> None:
         self.binding = binding
         self._objective = objective
         self._threshold = threshold
-        self._kernel = None if binding.compiled is None else _kernel()
+        self._kernel = None if binding.compiled is None else _import_kernel()
         if self._kernel is not None:
-            self._slots = pack(binding)
-            rows = self._slots.blocks * SLOT
-            self._room, self._rows = aligned_zeros(self._slots.room), aligned_zeros(1, rows)
-            self._shares = aligned_zeros(1, self._slots.parameters, rows)
+            self._packed = pack(binding)
+            rows = self._packed.blocks * SLOT
+            self._workspace, self._rows = (
+                allocate_aligned(self._packed.workspace_size),
+                allocate_aligned(1, rows),
+            )
+            self._products = allocate_aligned(1, self._packed.parameters, rows)
             self._code = OBJECTIVES.index(objective)
         self.set_frame(np.zeros((len(binding.names), 3)), np.ones(len(binding.names), dtype=bool))
 
     def set_frame(self, target: FloatArray, seen: NDArray[np.bool_]) -> None:
-        """Take the markers of a frame.
+        """Set the measured markers of the frame whose cost is computed.
 
         Parameters
         ----------
         target
-            `(markers, 3)`: the measured markers; read where they are seen.
+            Measured markers, ``(markers, 3)``, millimetres of the face; read where they are seen.
         seen
-            `(markers,)`.
+            Which markers are seen, ``(markers,)``, no unit.
         """
         self._target, self._seen = target[seen], seen
         if self._kernel is not None:
             hidden = np.where(seen[:, None], target, np.nan)
             self._frame = pack_frames(hidden[None], self.binding.weights)[0]
 
-    def markers(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Virtual markers `(markers, 3)` and their derivative `(markers, 3, parameters)`."""
-        if self._kernel is None:
-            return self.binding.evaluate(values)
-        positions, jacobian = self.markers_of_frames(values[None])
-        return positions[0], jacobian[0]
-
-    def markers_of_frames(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Virtual markers of many frames, and their derivatives.
+    def evaluate(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Compute the virtual markers and their Jacobian.
 
         Parameters
         ----------
         values
-            `(frames, parameters)`.
+            Parameters, ``(parameters,)``; 0 is rest, 1 the full gesture.
 
         Returns
         -------
-        positions
-            `(frames, markers, 3)`.
-        jacobian
-            `(frames, markers, 3, parameters)`.
+        positions : ndarray
+            Virtual markers, ``(markers, 3)``, millimetres.
+        jacobian : ndarray
+            Their derivatives, ``(markers, 3, parameters)``, millimetres per unit.
+        """
+        if self._kernel is None:
+            return self.binding.evaluate(values)
+        positions, jacobian = self.evaluate_frames(values[None])
+        return positions[0], jacobian[0]
+
+    def evaluate_frames(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Compute the virtual markers of many frames, and their Jacobians.
+
+        Parameters
+        ----------
+        values
+            Parameters, ``(frames, parameters)``; 0 is rest, 1 the full gesture.
+
+        Returns
+        -------
+        positions : ndarray
+            Virtual markers, ``(frames, markers, 3)``, millimetres.
+        jacobian : ndarray
+            Their derivatives, ``(frames, markers, 3, parameters)``, millimetres per unit.
         """
         if self._kernel is None:
             pairs = [self.binding.evaluate(frame) for frame in values]
             return np.array([p for p, _ in pairs]), np.array([j for _, j in pairs])
-        positions, jacobian = self._kernel.markers_of_frames(
-            self._slots, values, len(self.binding.names)
+        positions, jacobian = self._kernel.evaluate_frames(
+            self._packed, values, len(self.binding.names)
         )
         return positions, jacobian
 
     def cost(self, values: FloatArray, gradient: FloatArray) -> float:
-        """Cost of the frame at `(parameters,)` values, whose gradient is put into an array."""
+        """Return the cost of the frame, and fill its gradient.
+
+        Parameters
+        ----------
+        values
+            Parameters, ``(parameters,)``; 0 is rest, 1 the full gesture.
+        gradient
+            Filled with the gradient, ``(parameters,)``, in the unit of the cost.
+
+        Returns
+        -------
+        float
+            Cost.
+        """
         if self._kernel is None:
             positions, jacobian = self.binding.evaluate(values)
             weights, seen = self.binding.weights, self._seen
             difference = positions[seen] - self._target
-            value, pull = cost(difference, weights[seen], self._objective, self._threshold)
-            gradient[:] = np.tensordot(pull, jacobian[seen], 2)
+            value, slopes = cost(difference, weights[seen], self._objective, self._threshold)
+            gradient[:] = np.tensordot(slopes, jacobian[seen], 2)
             return value
         return float(
             self._kernel.evaluate(
-                self._slots.plan,
-                self._slots.numbers,
-                self._room,
+                self._packed.plan,
+                self._packed.numbers,
+                self._workspace,
                 values[None],
                 self._frame,
                 self._code,
                 self._threshold,
                 self._rows,
-                self._shares,
+                self._products,
                 gradient,
             )
         )
@@ -146,8 +188,8 @@ def check_objective(objective: str, huber_threshold: float) -> None:
         )
 
 
-def _kernel() -> Any:
-    """The compiled kernel, or None without numba."""
+def _import_kernel() -> Any:
+    """Import the compiled kernel, or return None without numba."""
     try:
         from mocap_fit.fitting import kernel
     except ImportError:
@@ -158,27 +200,28 @@ def _kernel() -> Any:
 def cost(
     residuals: FloatArray, weights: FloatArray, objective: Objective, threshold: float
 ) -> tuple[float, FloatArray]:
-    """Cost of a frame's residual vectors, and its derivative by them.
+    """Compute the cost of a frame's residual vectors, and its derivative by them.
 
     Parameters
     ----------
     residuals
-        `(markers, 3)`, millimetres: virtual minus measured marker.
+        Virtual minus measured markers, ``(markers, 3)``, millimetres.
     weights
-        `(markers,)`.
+        Weights of the markers, ``(markers,)``, no unit.
     objective
-        ``distances``: the weighted sum of distances, eq. 3 of Beskow. ``squares``: of squared
-        distances. ``huber``: squared up to a threshold and straight beyond it.
+        ``"distances"``: the weighted sum of distances, eq. 3 of Beskow. ``"squares"``: of squared
+        distances. ``"huber"``: of d² up to the threshold h, and of 2hd - h² beyond it (Huber,
+        Annals of Mathematical Statistics 35, 1964, times 2).
     threshold
-        Huber's, millimetres.
+        Huber's threshold, millimetres.
 
     Returns
     -------
-    value
-        The cost.
-    pull
-        `(markers, 3)`: derivative of the cost by the residual vectors. Where a distance is 0 it
-        has none; 0 is given.
+    value : float
+        Cost.
+    gradient : ndarray
+        Derivative of the cost by the residual vectors, ``(markers, 3)``; 0 at a distance of 0,
+        where the sum of distances has none.
     """
     if objective == "squares":
         return float(np.einsum("m,mi,mi->", weights, residuals, residuals)), (

@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 from mocap_fit.errors import DataError
 from mocap_fit.face import Rig, to_parameters
 from mocap_fit.fitting.layout import Layout
-from mocap_fit.fitting.precision import rigid_motion_effect
+from mocap_fit.fitting.precision import compute_motion_jacobian
+from mocap_fit.head.reference import compute_median_pose
 from mocap_fit.tracks import FloatArray, MarkerTracks
 from mocap_fit.tracks.rigid import similarity_transform
 
@@ -62,19 +63,6 @@ class Orientation:
         return np.asarray((points - self.translation) @ self.rotation / self.scale)
 
 
-def reference_pose(reference: MarkerTracks) -> dict[str, FloatArray]:
-    """Median position of every marker over the frames of a reference recording.
-
-    Markers that are never seen are left out.
-    """
-    pose = {}
-    for i, name in enumerate(reference.names):
-        seen = reference.positions[reference.visible[:, i], i]
-        if len(seen):
-            pose[name] = np.median(seen, axis=0)
-    return pose
-
-
 def fit_orientation(
     rig: Rig,
     layout: Layout,
@@ -108,7 +96,7 @@ def fit_orientation(
     layout's ``marker_offset``, and so is the place where it is laid: otherwise the model would
     come out larger than the speaker by as much.
     """
-    pose = reference_pose(reference)
+    pose = compute_median_pose(reference)
     strategic = [m for m in layout.markers if m.orientation and m.name in pose]
     if len(strategic) < 3:
         raise DataError(
@@ -121,7 +109,7 @@ def fit_orientation(
     source = np.array([pose[m.name] for m in strategic])
     points = [rig.mesh.get_feature_point(m.feature_point or "") for m in strategic]
     target = vertices[points] + layout.marker_offset * rig.mesh.compute_normals(vertices)[points]
-    orientation = orient_points(source, target, objective=objective)
+    orientation = align_points(source, target, objective=objective)
     lower, upper = _PLAUSIBLE_SCALE
     if not lower <= orientation.scale <= upper:
         raise DataError(
@@ -141,7 +129,7 @@ def fit_orientation(
     )
 
 
-def orient_points(
+def align_points(
     source: FloatArray,
     target: FloatArray,
     *,
@@ -185,7 +173,7 @@ def orient_points(
             gradient[:3] = pull.sum(axis=0)
             # d(R p)/d(rotation vector) = -[R p]x Jl: torque through the left Jacobian.
             torque = np.cross(turned, pull).sum(axis=0)
-            gradient[3:6] = _left_jacobian(x[3:6]).T @ torque
+            gradient[3:6] = _compute_left_jacobian(x[3:6]).T @ torque
             gradient[6] = np.sum(pull * turned)
         if value < best[0]:
             best = (value, x.copy())
@@ -212,7 +200,7 @@ def orient_points(
     )
 
 
-def moved_by_pose(
+def move_by_pose(
     positions: FloatArray, jacobian: FloatArray, centre: FloatArray, pose: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Points moved by a pose, and their derivative by the parameters and the pose.
@@ -222,13 +210,13 @@ def moved_by_pose(
     rotation = Rotation.from_rotvec(pose[:3]).as_matrix()
     arms = (positions - centre) @ rotation.T
     by_shape = np.einsum("ij,mjp->mip", rotation, jacobian)
-    effect = rigid_motion_effect(arms + centre, centre)
+    effect = compute_motion_jacobian(arms + centre, centre)
     # The derivative by the rotation vector itself goes through the group's left Jacobian.
-    effect[:, :, :3] = effect[:, :, :3] @ _left_jacobian(pose[:3])
+    effect[:, :, :3] = effect[:, :, :3] @ _compute_left_jacobian(pose[:3])
     return arms + centre + pose[3:], np.concatenate([by_shape, effect], axis=2)
 
 
-def _left_jacobian(vector: FloatArray) -> FloatArray:
+def _compute_left_jacobian(vector: FloatArray) -> FloatArray:
     """Left Jacobian of the rotation group at a rotation vector, `(3, 3)`."""
     angle = float(np.linalg.norm(vector))
     x, y, z = vector

@@ -17,19 +17,19 @@ from scipy.spatial.transform import Rotation
 
 from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.fitting.binding import Binding, check_recording
-from mocap_fit.fitting.frame_costs import FrameCosts, Gauge, LocalCosts, gauge_of
+from mocap_fit.fitting.frame_costs import CostScale, FrameCosts, LocalCosts, compute_cost_scale
 from mocap_fit.fitting.objective import Evaluator, Objective, check_objective
 from mocap_fit.fitting.precision import estimate_noise
 from mocap_fit.fitting.shape import ShapeFit
 from mocap_fit.fitting.smoothness import (
     BoolArray,
-    curvature,
-    inverse_blocks,
-    likeliest_smoothing,
-    local_smoothing,
-    roughness_bands,
-    smallest_in_box,
-    times,
+    build_roughness_bands,
+    compute_curvature,
+    compute_inverse_blocks,
+    estimate_local_smoothing,
+    estimate_smoothing,
+    minimise_in_box,
+    multiply,
 )
 from mocap_fit.fitting.solving import BRIDGED
 from mocap_fit.tracks import FloatArray, MarkerTracks
@@ -90,7 +90,7 @@ def fit_over_time(
     -------
     ShapeFit
         Bridged frames have the status `BRIDGED`. Standard deviations are those of the smooth
-        tracks, larger in gaps; infinite where the markers leave a parameter undetermined for
+        tracks, larger in gaps; infinite where the markers leave a parameter find_undetermined for
         longer than the largest gap, or up to the end of a stretch.
 
     Raises
@@ -112,13 +112,13 @@ def fit_over_time(
     By default all of these come from the data. The markers' noise is what changes in the
     residuals from frame to frame; k and q of each parameter are those of the greatest restricted
     marginal likelihood of its frame-by-frame track, k no less than the noise of markers and head
-    pose explains (Wahba, Annals of Statistics 13, 1985; `likeliest_smoothing`).
+    pose explains (Wahba, Annals of Statistics 13, 1985; `estimate_smoothing`).
     Likelihood rather than cross-validation: cross-validation has no use for a noise that is
     known, and undersmooths now and then.
 
     One strength for a whole recording would flatten what is quick: a lip closure is over in
     80 ms. The strength therefore has its own value at every moment, learnt from the moments
-    around it (`local_smoothing`): such a prior has heavy tails, and does not mind a few quick
+    around it (`estimate_local_smoothing`): such a prior has heavy tails and tolerates a few quick
     gestures. It smooths calm stretches more and quick ones less. A given weight is the same at
     all moments.
 
@@ -131,32 +131,34 @@ def fit_over_time(
     _check(binding, recording, fit, objective, huber_threshold, maximum_gap, maximum_rounds)
     rate, scale, bounds = recording.rate, binding.orientation.scale, binding.rig.bounds
     threshold = huber_threshold * scale
-    targets = _targets(binding, recording, fit)
+    targets = _transform_markers(binding, recording, fit)
     shown = np.where(np.isfinite(targets[:, :, 0]), binding.weights, 0.0)
     evaluator = Evaluator(binding, objective, threshold)
     longest = maximum_gap * rate + 1e-6
-    slices = _stretches(fit.fitted, longest)
+    slices = _split_at_gaps(fit.fitted, longest)
     stretches = [FrameCosts(evaluator, targets[s], shown[s], objective, threshold) for s in slices]
-    starts = [_filled(fit.parameters.values[s], bounds) for s in slices]
+    starts = [_fill_gaps(fit.parameters.values[s], bounds) for s in slices]
     locals_ = [data.at(start) for data, start in zip(stretches, starts, strict=True)]
-    noise = _noise_over_time(locals_, stretches)
+    noise = _estimate_noise(locals_, stretches)
     if not np.isfinite(noise):
         noise = fit.noise * scale if np.isfinite(fit.noise) else 1.0
-    gauge = gauge_of(objective, threshold, max(noise, _LEAST_NOISE))
-    bare = [_bare_deviations(local.information) for local in locals_]
-    units = [_deviations(fit, part, b, scale) for part, b in zip(slices, bare, strict=True)]
-    noisiness = _ratio(units, bare)
+    cost_scale = compute_cost_scale(objective, threshold, max(noise, _LEAST_NOISE))
+    bare = [_compute_bare_deviations(local.information) for local in locals_]
+    units = [
+        _compute_unit_deviations(fit, part, b, scale) for part, b in zip(slices, bare, strict=True)
+    ]
+    noisiness = _compute_noise_ratio(units, bare)
     if weight is None:
-        found_alone = [fit.parameters.values[part] for part in slices]
-        smoothing, more = _learnt(found_alone, units, gauge, rate)
+        alone = [fit.parameters.values[part] for part in slices]
+        smoothing, more = _learn_smoothing(alone, units, cost_scale, rate)
         noisiness = noisiness * more
-        noises = [u * np.sqrt(gauge.variance * more) for u in units]
-        local = local_smoothing(found_alone, noises, smoothing / more, rate)
-        strengths = [0.5 * gauge.kappa * noisiness * s for s in local]
+        noises = [u * np.sqrt(cost_scale.variance * more) for u in units]
+        local = estimate_local_smoothing(alone, noises, smoothing / more, rate)
+        strengths = [0.5 * cost_scale.kappa * noisiness * s for s in local]
     else:
-        given = _given(weight, binding, evaluator)
-        strengths = [np.tile(given, (max(len(start) - 2, 0), 1)) for start in starts]
-    weights = _typical(strengths)
+        strengths_of_all = _check_weight(weight, binding, evaluator)
+        strengths = [np.tile(strengths_of_all, (max(len(start) - 2, 0), 1)) for start in starts]
+    weights = _summarise_strengths(strengths)
 
     values = np.full(fit.parameters.values.shape, np.nan)
     deviations = np.full(values.shape, np.nan)
@@ -164,17 +166,17 @@ def fit_over_time(
     costs, evaluations = np.full(len(values), np.nan), fit.evaluations.copy()
     status, taken = fit.status.copy(), np.zeros(len(values))
     for i, (part, data) in enumerate(zip(slices, stretches, strict=True)):
-        found, here, rounds = _solve(
+        solution, here, rounds = _solve(
             data, starts[i], locals_[i], strengths[i], rate, bounds, maximum_rounds
         )
-        spread = _spread(here.information, strengths[i], noisiness, gauge, rate)
-        values[part], costs[part] = found, here.costs
+        spread = _compute_covariance(here.information, strengths[i], noisiness, cost_scale, rate)
+        values[part], costs[part] = solution, here.costs
         evaluations[part] += rounds
         lost = np.isinf(fit.parameters.standard_deviations[part]) | ~fit.fitted[part, None]
         deviations[part] = np.where(
-            _unbridged(lost, longest), np.inf, np.sqrt(np.einsum("tpp->tp", spread))
+            _find_long_gaps(lost, longest), np.inf, np.sqrt(np.einsum("tpp->tp", spread))
         )
-        taken[part] = np.einsum("tij,tji->t", spread, here.information) / gauge.variance
+        taken[part] = np.einsum("tij,tji->t", spread, here.information) / cost_scale.variance
         distance = np.linalg.norm(here.residuals, axis=2) / scale
         distances[part] = np.where(data.weights > 0, distance, np.nan)
         status[part] = np.where(fit.fitted[part], fit.status[part], BRIDGED)
@@ -222,28 +224,28 @@ def _solve(
     maximum_rounds: int,
 ) -> tuple[FloatArray, LocalCosts, int]:
     """Minimise the total cost of a stretch; returns values, costs there, and evaluations."""
-    bands = roughness_bands(len(values), rate, 2.0 * strengths)
+    bands = build_roughness_bands(len(values), rate, 2.0 * strengths)
     rounds = 1
-    total = _total(local, values, strengths, rate)
+    total = _compute_total(local, values, strengths, rate)
     held = np.zeros(len(values))
-    ridge = _ridge(local.information)
+    ridge = _compute_ridge(local.information)
     while rounds < maximum_rounds:
-        own = np.einsum("tpp->tp", local.curvatures)
+        diagonal = np.einsum("tpp->tp", local.curvatures)
         blocks = local.curvatures.copy()
-        np.einsum("tpp->tp", blocks)[:] += held[:, None] * own + ridge
+        np.einsum("tpp->tp", blocks)[:] += held[:, None] * diagonal + ridge
         nothing = np.zeros_like(blocks)
-        slope = local.gradients + times(nothing, bands, values)
-        step = smallest_in_box(blocks, bands, slope, bounds[:, 0] - values, bounds[:, 1] - values)
+        slope = local.gradients + multiply(nothing, bands, values)
+        step = minimise_in_box(blocks, bands, slope, bounds[:, 0] - values, bounds[:, 1] - values)
         bend = 0.5 * np.einsum("ti,tij,tj->t", step, blocks, step)
-        fall = -float(np.sum(slope * step) + 0.5 * np.sum(step * times(blocks, bands, step)))
+        fall = -float(np.sum(slope * step) + 0.5 * np.sum(step * multiply(blocks, bands, step)))
         if np.abs(step).max() < _SMALL_STEP or fall <= _SMALL_FALL * total:
             break
         moved = np.abs(step).max(axis=1) > _STILL
         step[~moved] = 0.0
         stepped = np.clip(values + step, bounds[:, 0], bounds[:, 1])
-        trial = data.after(stepped, local, moved)
+        trial = data.update(stepped, local, moved)
         rounds += 1
-        new_total = _total(trial, stepped, strengths, rate)
+        new_total = _compute_total(trial, stepped, strengths, rate)
         rise = trial.costs - local.costs - np.einsum("tp,tp->t", local.gradients, step)
         stubborn = rise > 1.5 * bend + 1e-12 * local.costs
         if new_total < total:
@@ -257,11 +259,13 @@ def _solve(
     return values, local, rounds
 
 
-def _total(local: LocalCosts, values: FloatArray, strengths: FloatArray, rate: float) -> float:
-    return float(local.costs.sum() + np.sum(strengths * curvature(values, rate) ** 2))
+def _compute_total(
+    local: LocalCosts, values: FloatArray, strengths: FloatArray, rate: float
+) -> float:
+    return float(local.costs.sum() + np.sum(strengths * compute_curvature(values, rate) ** 2))
 
 
-def _noise_over_time(locals_: Sequence[LocalCosts], stretches: Sequence[FrameCosts]) -> float:
+def _estimate_noise(locals_: Sequence[LocalCosts], stretches: Sequence[FrameCosts]) -> float:
     """Noise of a coordinate by how residuals change from frame to frame, in the face's mm.
 
     A face that cannot take the speaker's shape leaves residuals that change slowly; they are no
@@ -287,93 +291,104 @@ def _noise_over_time(locals_: Sequence[LocalCosts], stretches: Sequence[FrameCos
     return float(np.sqrt(middle / (6.0 * _MEDIAN_CHI_SQUARE)))
 
 
-def _deviations(fit: ShapeFit, part: slice, bare: FloatArray, scale: float) -> FloatArray:
+def _compute_unit_deviations(
+    fit: ShapeFit, part: slice, bare: FloatArray, scale: float
+) -> FloatArray:
     """Deviation of the frame-by-frame parameters per unit of noise; infinite where unknown.
 
     The head's pose has noise of its own, which the fit's deviations hold and the bare ones, from
     the markers' information, do not.
     """
-    given = fit.parameters.standard_deviations[part]
-    unit = given / (fit.noise * scale) if fit.noise > 0 else np.where(np.isinf(given), given, bare)
+    deviations = fit.parameters.standard_deviations[part]
+    unit = (
+        deviations / (fit.noise * scale)
+        if fit.noise > 0
+        else np.where(np.isinf(deviations), deviations, bare)
+    )
     return np.asarray(np.where(fit.fitted[part, None] & np.isfinite(unit), unit, np.inf))
 
 
-def _ratio(units: Sequence[FloatArray], bare: Sequence[FloatArray]) -> FloatArray:
+def _compute_noise_ratio(units: Sequence[FloatArray], bare: Sequence[FloatArray]) -> FloatArray:
     """How many times larger the parameters' variance is than the bare one, `(parameters,)`."""
     squares = np.concatenate([(u / b) ** 2 for u, b in zip(units, bare, strict=True)])
     known = np.isfinite(squares)
     return np.array([np.median(squares[k, p]) if k.any() else 1.0 for p, k in enumerate(known.T)])
 
 
-def _learnt(
-    tracks: Sequence[FloatArray], units: Sequence[FloatArray], gauge: Gauge, rate: float
+def _learn_smoothing(
+    tracks: Sequence[FloatArray], units: Sequence[FloatArray], cost_scale: CostScale, rate: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Smoothing and noise of every parameter, as `likeliest_smoothing` gives them."""
-    found = []
+    """Smoothing and noise of every parameter, as `estimate_smoothing` gives them."""
+    pairs = []
     for p in range(tracks[0].shape[1]):
         known = [np.isfinite(u[:, p]) for u in units]
         track = [np.where(k, t[:, p], np.nan) for t, k in zip(tracks, known, strict=True)]
         deviation = [
-            np.where(k, u[:, p], 1.0) * np.sqrt(gauge.variance)
+            np.where(k, u[:, p], 1.0) * np.sqrt(cost_scale.variance)
             for u, k in zip(units, known, strict=True)
         ]
-        found.append(likeliest_smoothing(track, deviation, rate))
-    smoothing, noisiness = np.array(found).T
+        pairs.append(estimate_smoothing(track, deviation, rate))
+    smoothing, noisiness = np.array(pairs).T
     return smoothing, noisiness
 
 
-def _bare_deviations(information: FloatArray) -> FloatArray:
+def _compute_bare_deviations(information: FloatArray) -> FloatArray:
     """``sqrt diag (JᵀJ)⁻¹`` of every frame, `(frames, parameters)`."""
     blocks = information.copy()
-    np.einsum("tpp->tp", blocks)[:] += _ridge(information)
+    np.einsum("tpp->tp", blocks)[:] += _compute_ridge(information)
     return np.asarray(np.sqrt(np.einsum("tpp->tp", np.linalg.inv(blocks))))
 
 
-def _ridge(information: FloatArray) -> FloatArray:
+def _compute_ridge(information: FloatArray) -> FloatArray:
     """A little information of every parameter."""
     mean = np.einsum("tpp->p", information) / len(information)
     return np.asarray(_RIDGE * np.maximum(mean, 1e-3 * mean.max() + 1e-300))
 
 
-def _given(weight: float | Sequence[float], binding: Binding, evaluator: Evaluator) -> FloatArray:
+def _check_weight(
+    weight: float | Sequence[float], binding: Binding, evaluator: Evaluator
+) -> FloatArray:
     """Weight of every parameter, from what the user gave."""
     count = len(binding.parameter_names)
-    given = np.asarray(weight, dtype=np.float64)
-    if given.shape not in ((), (count,)) or not (np.isfinite(given) & (given > 0)).all():
+    strengths = np.asarray(weight, dtype=np.float64)
+    if (
+        strengths.shape not in ((), (count,))
+        or not (np.isfinite(strengths) & (strengths > 0)).all()
+    ):
         raise ConfigurationError(
             "the weight of smoothness is not possible",
             found=weight,
             expected=f"a number above 0, or {count} of them",
         )
-    if given.shape == (count,):
-        return given
-    _, jacobian = evaluator.markers(binding.reference_parameters)
+    if strengths.shape == (count,):
+        return strengths
+    _, jacobian = evaluator.evaluate(binding.reference_parameters)
     moved = np.einsum("m,mip,mip->p", binding.weights, jacobian, jacobian) / binding.weights.sum()
-    return np.asarray(given * np.maximum(moved, 1e-6 * moved.max()))
+    return np.asarray(strengths * np.maximum(moved, 1e-6 * moved.max()))
 
 
-def _spread(
+def _compute_covariance(
     information: FloatArray,
     strengths: FloatArray,
     noisiness: FloatArray,
-    gauge: Gauge,
+    cost_scale: CostScale,
     rate: float,
 ) -> FloatArray:
     """Covariance of the parameters of every frame, `(frames, parameters, parameters)`."""
-    noise = np.sqrt(gauge.variance * noisiness)
+    noise = np.sqrt(cost_scale.variance * noisiness)
     blocks = information / noise[:, None] / noise
-    np.einsum("tpp->tp", blocks)[:] += _ridge(blocks)
-    precision = 2.0 * strengths / (gauge.kappa * noisiness)
-    return inverse_blocks(blocks, roughness_bands(len(blocks), rate, precision))
+    np.einsum("tpp->tp", blocks)[:] += _compute_ridge(blocks)
+    precision = 2.0 * strengths / (cost_scale.kappa * noisiness)
+    return compute_inverse_blocks(blocks, build_roughness_bands(len(blocks), rate, precision))
 
 
-def _typical(strengths: Sequence[FloatArray]) -> FloatArray:
+def _summarise_strengths(strengths: Sequence[FloatArray]) -> FloatArray:
     """The middle weight of every parameter."""
     every = np.concatenate(strengths)
     return np.median(every, axis=0) if len(every) else np.zeros(every.shape[1])
 
 
-def _targets(binding: Binding, recording: MarkerTracks, fit: ShapeFit) -> FloatArray:
+def _transform_markers(binding: Binding, recording: MarkerTracks, fit: ShapeFit) -> FloatArray:
     """Measured face markers in the face's coordinates, with the fit's pose corrections undone."""
     face = recording.positions[:, recording.indices(binding.names)]
     targets = binding.orientation.apply(face)
@@ -386,7 +401,7 @@ def _targets(binding: Binding, recording: MarkerTracks, fit: ShapeFit) -> FloatA
     return targets
 
 
-def _stretches(fitted: BoolArray, longest: float) -> list[slice]:
+def _split_at_gaps(fitted: BoolArray, longest: float) -> list[slice]:
     """Where frames are solved together: from one fitted frame to another, without long gaps."""
     frames = np.flatnonzero(fitted)
     cuts = np.flatnonzero(np.diff(frames) > longest + 1)
@@ -395,7 +410,7 @@ def _stretches(fitted: BoolArray, longest: float) -> list[slice]:
     return [slice(int(a), int(b) + 1) for a, b in zip(firsts, lasts, strict=True)]
 
 
-def _filled(values: FloatArray, bounds: FloatArray) -> FloatArray:
+def _fill_gaps(values: FloatArray, bounds: FloatArray) -> FloatArray:
     """The values with gaps filled by straight lines, within bounds."""
     there = np.flatnonzero(np.isfinite(values).all(axis=1))
     frames = np.arange(len(values))
@@ -403,7 +418,7 @@ def _filled(values: FloatArray, bounds: FloatArray) -> FloatArray:
     return np.asarray(np.clip(filled, bounds[:, 0], bounds[:, 1]))
 
 
-def _unbridged(lost: BoolArray, longest: float) -> BoolArray:
+def _find_long_gaps(lost: BoolArray, longest: float) -> BoolArray:
     """Which of the `(frames, parameters)` that are lost are so for too long, or at an end."""
     too_long = np.zeros_like(lost)
     for p, column in enumerate(lost.T):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mocap_fit.tracks import FloatArray
 
 
-def rigid_motion_effect(points: FloatArray, centre: FloatArray) -> FloatArray:
+def compute_motion_jacobian(points: FloatArray, centre: FloatArray) -> FloatArray:
     """What a small rigid motion does to points: `(points, 3, 6)`.
 
     The six are a rotation vector about the centre and a translation.
@@ -30,7 +30,7 @@ def rigid_motion_effect(points: FloatArray, centre: FloatArray) -> FloatArray:
     return effect
 
 
-def parameter_covariance(
+def compute_covariance(
     jacobian: FloatArray,
     weights: FloatArray,
     *,
@@ -62,30 +62,30 @@ def parameter_covariance(
     flat = jacobian.reshape(-1, count)
     row_weights = np.repeat(weights, 3)
     information = flat.T @ (row_weights[:, None] * flat)
-    determined = _determined(information)
+    determined = _find_determined(information)
     covariance = np.full((count, count), 0.0)
     covariance[~determined, ~determined] = np.inf
     if not determined.any():
         return covariance
     flat = flat[:, determined]
     gain = np.linalg.solve(information[np.ix_(determined, determined)], flat.T * row_weights)
-    own = gain @ gain.T
+    variance = gain @ gain.T
     if head_positions is not None and positions is not None and len(head_positions) >= 3:
         head_weights = np.ones(len(head_positions)) if head_weights is None else head_weights
         centre = head_positions.mean(axis=0)
-        head = rigid_motion_effect(head_positions, centre).reshape(-1, 6)
+        head = compute_motion_jacobian(head_positions, centre).reshape(-1, 6)
         head_rows = np.repeat(head_weights, 3)
         head_gain = np.linalg.solve(head.T @ (head_rows[:, None] * head), head.T * head_rows)
-        through = gain @ rigid_motion_effect(positions, centre).reshape(-1, 6) @ head_gain
-        own = own + through @ through.T
-    covariance[np.ix_(determined, determined)] = own
+        through = gain @ compute_motion_jacobian(positions, centre).reshape(-1, 6) @ head_gain
+        variance = variance + through @ through.T
+    covariance[np.ix_(determined, determined)] = variance
     return covariance
 
 
-def _determined(information: FloatArray) -> NDArray[np.bool_]:
+def _find_determined(information: FloatArray) -> NDArray[np.bool_]:
     """Which parameters a singular information matrix still determines.
 
-    A parameter is undetermined where a direction without information has a share in it.
+    A parameter is find_undetermined where a direction without information has a share in it.
     """
     scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
@@ -99,7 +99,7 @@ def _determined(information: FloatArray) -> NDArray[np.bool_]:
 _SUSPICIOUS = 1e6
 
 
-def parameter_deviations(
+def compute_deviations(
     jacobian: FloatArray,
     weights: FloatArray,
     *,
@@ -109,7 +109,7 @@ def parameter_deviations(
 ) -> tuple[FloatArray, FloatArray]:
     """Standard deviations of the parameters of many frames, per unit of marker noise.
 
-    The square roots of the diagonals that `parameter_covariance` gives for each frame.
+    The square roots of the diagonals that `compute_covariance` gives for each frame.
 
     Parameters
     ----------
@@ -149,10 +149,10 @@ def parameter_deviations(
         posed = (head_weights > 0).sum(axis=1) >= 3
     if posed.any() and head_positions is not None and positions is not None:
         centre = head_positions.mean(axis=0)
-        effect = rigid_motion_effect(positions[posed].reshape(-1, 3), centre)
+        effect = compute_motion_jacobian(positions[posed].reshape(-1, 3), centre)
         effect = effect.reshape(-1, 3 * markers, 6)
         through = inverse[posed] @ (across[posed] @ effect)
-        pose = _pose_covariance(head_positions, head_weights[posed])  # type: ignore[index]
+        pose = _compute_pose_covariance(head_positions, head_weights[posed])  # type: ignore[index]
         variance[posed] += np.einsum("fpa,fpa->fp", through @ pose, through)
     doubtful = np.einsum("fpp->fp", inverse) * alone > _SUSPICIOUS
     doubtful |= alone < 1e-9
@@ -166,14 +166,14 @@ def parameter_deviations(
                 "head_positions": head_positions[there],
                 "head_weights": head_weights[frame, there],
             }
-        covariance = parameter_covariance(jacobian[frame, seen], weights[frame, seen], **head)
+        covariance = compute_covariance(jacobian[frame, seen], weights[frame, seen], **head)
         variance[frame] = np.diag(covariance)
-        alone_there = parameter_covariance(jacobian[frame, seen], weights[frame, seen])
+        alone_there = compute_covariance(jacobian[frame, seen], weights[frame, seen])
         bare[frame] = np.diag(alone_there)
     return np.sqrt(variance), np.sqrt(bare)
 
 
-def _different(weights: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+def _find_unique_rows(weights: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
     """The rows that differ, and which of them each row is: most frames show the same markers."""
     # As strings of bytes they are sorted much faster than number by number.
     rows = np.ascontiguousarray(weights).view(f"V{8 * weights.shape[1]}").ravel()
@@ -181,14 +181,14 @@ def _different(weights: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
     return weights[first], which.reshape(-1)
 
 
-def _pose_covariance(head_positions: FloatArray, head_weights: FloatArray) -> FloatArray:
+def _compute_pose_covariance(head_positions: FloatArray, head_weights: FloatArray) -> FloatArray:
     """Covariance of the head's pose per unit of marker variance, `(frames, 6, 6)`.
 
     The pose is taken about the middle of all head markers; the choice changes nothing.
     """
-    head = rigid_motion_effect(head_positions, head_positions.mean(axis=0))
+    head = compute_motion_jacobian(head_positions, head_positions.mean(axis=0))
     pairs = np.einsum("hia,hib->hab", head, head)
-    seen, which = _different(head_weights)
+    seen, which = _find_unique_rows(head_weights)
     information = np.einsum("fh,hab->fab", seen, pairs)
     # Head markers on a line leave a turn open: it is taken as known, not as unbounded.
     inverse = np.linalg.pinv(information, rcond=1e-12, hermitian=True)
@@ -196,8 +196,8 @@ def _pose_covariance(head_positions: FloatArray, head_weights: FloatArray) -> Fl
     return np.asarray(pose[which])
 
 
-def undetermined(jacobian: FloatArray, weights: FloatArray) -> NDArray[np.bool_]:
-    """Which parameters the markers leave undetermined, `(frames, parameters)`.
+def find_undetermined(jacobian: FloatArray, weights: FloatArray) -> NDArray[np.bool_]:
+    """Which parameters the markers leave find_undetermined, `(frames, parameters)`.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def undetermined(jacobian: FloatArray, weights: FloatArray) -> NDArray[np.bool_]
     weights
         `(frames, markers)`: 0 for a hidden marker.
     """
-    sets, which = _different(weights)
+    sets, which = _find_unique_rows(weights)
     pairs = np.einsum("mip,miq->mpq", jacobian, jacobian)
     information = np.einsum("fm,mpq->fpq", sets, pairs)
     alone = np.einsum("fpp->fp", information)
@@ -216,7 +216,7 @@ def undetermined(jacobian: FloatArray, weights: FloatArray) -> NDArray[np.bool_]
     doubtful = (left * alone > _SUSPICIOUS) | (alone < 1e-9)
     result = np.zeros(alone.shape, dtype=bool)
     for i in np.flatnonzero(doubtful.any(axis=1)):
-        result[i] = ~_determined(np.einsum("m,mpq->pq", sets[i], pairs))
+        result[i] = ~_find_determined(np.einsum("m,mpq->pq", sets[i], pairs))
     return np.asarray(result[which])
 
 

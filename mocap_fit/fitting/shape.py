@@ -11,12 +11,17 @@ from numpy.typing import NDArray
 
 from mocap_fit.errors import ConfigurationError, DataError, MocapFitWarning
 from mocap_fit.fitting.binding import Binding, check_recording
-from mocap_fit.fitting.objective import Evaluator, Objective, check_objective, reference_jacobian
-from mocap_fit.fitting.orientation import moved_by_pose
+from mocap_fit.fitting.objective import (
+    Evaluator,
+    Objective,
+    check_objective,
+    compute_reference_jacobian,
+)
+from mocap_fit.fitting.orientation import move_by_pose
 from mocap_fit.fitting.precision import (
+    compute_covariance,
+    compute_deviations,
     estimate_noise,
-    parameter_covariance,
-    parameter_deviations,
 )
 from mocap_fit.fitting.solving import (
     ALGORITHMS,
@@ -24,7 +29,7 @@ from mocap_fit.fitting.solving import (
     NOT_FITTED,
     PLAIN,
     SOLVERS,
-    Solved,
+    Solution,
     Solver,
 )
 from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks
@@ -140,7 +145,7 @@ def fit_shape(
     Notes
     -----
     Each frame starts from the answer of the frame before. Hidden markers are left out. A
-    parameter that the visible markers leave undetermined keeps its value from the frame before,
+    parameter that the visible markers leave find_undetermined keeps its value from the frame before,
     and its standard deviation is infinite.
     """
     check_objective(objective, huber_threshold)
@@ -160,7 +165,7 @@ def fit_shape(
         parts.append(solved)
         if progress is not None:
             progress(min(start + _CHUNK, recording.frames))
-    solved = Solved.joined(parts)
+    solved = Solution.concatenate(parts)
     fitted = solved.status != NOT_FITTED
     if not fitted.any():
         raise DataError(
@@ -178,7 +183,7 @@ def fit_shape(
         binding.parameter_names,
         recording.rate,
         solved.values,
-        # An undetermined parameter stays infinite even when the noise is nil.
+        # An find_undetermined parameter stays infinite even when the noise is nil.
         np.where(np.isinf(deviations), np.inf, deviations * noise * scale),
         np.where(fitted, residuals, np.nan),
         start_time=recording.start_time,
@@ -243,11 +248,11 @@ def _choose_solver(
     if binding.compiled is not None and not refine_pose:
         try:
             from mocap_fit.fitting.compiled_solver import CompiledSolver
-            from mocap_fit.fitting.native import library
+            from mocap_fit.fitting.native import load_library
         except ImportError:
             pass  # without numba, the plain form gives the same answers
         else:
-            if library() is not None or solver == "newton":
+            if load_library() is not None or solver == "newton":
                 return CompiledSolver(
                     binding,
                     objective,
@@ -278,7 +283,7 @@ def _fit_chunk(
     recording: MarkerTracks,
     frames: slice,
     solver: Solver,
-) -> tuple[Solved, FloatArray, FloatArray]:
+) -> tuple[Solution, FloatArray, FloatArray]:
     """Fit some frames; return the solution, marker distances, and parameter deviations.
 
     Distances are in the face's millimetres, deviations per millimetre of noise.
@@ -295,28 +300,30 @@ def _fit_chunk(
     distances = np.full(seen.shape, np.nan)
     deviations = np.full(solved.values.shape, np.nan)
     if usable.any():
-        distances[usable], deviations[usable] = _quality(binding, solved, targets, head, usable)
+        distances[usable], deviations[usable] = _measure_quality(
+            binding, solved, targets, head, usable
+        )
     return solved, distances, deviations
 
 
-def _quality(
+def _measure_quality(
     binding: Binding,
-    solved: Solved,
+    solved: Solution,
     targets: FloatArray,
     head: FloatArray,
     usable: NDArray[np.bool_],
 ) -> tuple[FloatArray, FloatArray]:
     """Marker distances and parameter deviations of the usable frames."""
     evaluator = Evaluator(binding, "squares", 1.0)
-    positions, jacobian = evaluator.markers_of_frames(solved.values[usable])
+    positions, jacobian = evaluator.evaluate_frames(solved.values[usable])
     corrections = solved.corrections[usable]
     for i in np.flatnonzero(corrections.any(axis=1)):
         centre = binding.head_positions.mean(axis=0)
-        positions[i], _ = moved_by_pose(positions[i], jacobian[i], centre, corrections[i])
+        positions[i], _ = move_by_pose(positions[i], jacobian[i], centre, corrections[i])
     seen = np.isfinite(targets[usable, :, 0])
     weights = np.where(seen, binding.weights, 0.0)
     distances = np.linalg.norm(positions - targets[usable], axis=2)
-    deviations, bare = parameter_deviations(
+    deviations, bare = compute_deviations(
         jacobian,
         weights,
         positions=positions,
@@ -325,8 +332,8 @@ def _quality(
     )
     partly = np.flatnonzero(~seen.all(axis=1))
     if partly.size:
-        everything = reference_jacobian(binding)
-        least = np.sqrt(np.diag(parameter_covariance(everything, binding.weights)))
+        everything = compute_reference_jacobian(binding)
+        least = np.sqrt(np.diag(compute_covariance(everything, binding.weights)))
         uncertain = bare[partly] > _UNCERTAIN * least
         deviations[partly] = np.where(uncertain, np.inf, deviations[partly])
     return distances, deviations

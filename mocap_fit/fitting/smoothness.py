@@ -1,9 +1,9 @@
-"""The algebra of smooth tracks: banded normal equations, and how rough tracks are.
+"""The algebra of smooth tracks: build_banded normal equations, and how rough tracks are.
 
 A track's roughness is the integral of its squared second derivative,
 ``∫ x''² dt ≈ rate³ · sum (x[t+1] - 2 x[t] + x[t-1])²``, the same at any frame rate. In the order
 of the frames, the normal equations of all tracks together couple a parameter only with itself
-two frames on: their matrix is banded, twice the number of parameters wide on either side, and
+two frames on: their matrix is build_banded, twice the number of parameters wide on either side, and
 everything here takes time and memory in proportion to the frames.
 """
 
@@ -20,7 +20,7 @@ from mocap_fit.tracks import FloatArray
 
 BoolArray = NDArray[np.bool_]
 
-# Rounds of the active set; each is a banded solve. Three or four do, if bounds are few; so many
+# Rounds of the active set; each is a build_banded solve. Three or four do, if bounds are few; so many
 # may go by without progress before it turns careful.
 _ACTIVE_SET_ROUNDS = 100
 _PATIENCE = 5
@@ -34,7 +34,7 @@ _PRIOR_COUNT = 0.5
 _FIXED_POINT_ROUNDS = 12
 
 
-def curvature(tracks: FloatArray, rate: float) -> FloatArray:
+def compute_curvature(tracks: FloatArray, rate: float) -> FloatArray:
     """Second differences whose sum of squares is the roughness.
 
     Parameters
@@ -52,7 +52,7 @@ def curvature(tracks: FloatArray, rate: float) -> FloatArray:
     return np.asarray(np.diff(tracks, n=2, axis=0) * rate**1.5)
 
 
-def roughness_bands(frames: int, rate: float, strengths: FloatArray) -> FloatArray:
+def build_roughness_bands(frames: int, rate: float, strengths: FloatArray) -> FloatArray:
     """Matrix of the quadratic form ``sum of strength · curvature²``, for each of some tracks.
 
     Parameters
@@ -82,8 +82,8 @@ def roughness_bands(frames: int, rate: float, strengths: FloatArray) -> FloatArr
     return bands
 
 
-def banded(blocks: FloatArray, bands: FloatArray) -> FloatArray:
-    """Lower banded form of ``block diagonal + prior``.
+def build_banded(blocks: FloatArray, bands: FloatArray) -> FloatArray:
+    """Lower build_banded form of ``block diagonal + prior``.
 
     Parameters
     ----------
@@ -107,8 +107,8 @@ def banded(blocks: FloatArray, bands: FloatArray) -> FloatArray:
     return matrix.reshape(2 * count + 1, -1)
 
 
-def times(blocks: FloatArray, bands: FloatArray, tracks: FloatArray) -> FloatArray:
-    """``(block diagonal + prior) · tracks``, `(frames, parameters)`; see `banded`."""
+def multiply(blocks: FloatArray, bands: FloatArray, tracks: FloatArray) -> FloatArray:
+    """``(block diagonal + prior) · tracks``, `(frames, parameters)`; see `build_banded`."""
     product = np.einsum("tij,tj->ti", blocks, tracks) + bands[0] * tracks
     for step in (1, 2):
         below = bands[step, :-step]
@@ -117,7 +117,7 @@ def times(blocks: FloatArray, bands: FloatArray, tracks: FloatArray) -> FloatArr
     return np.asarray(product)
 
 
-def smallest_in_box(
+def minimise_in_box(
     blocks: FloatArray,
     bands: FloatArray,
     gradient: FloatArray,
@@ -135,7 +135,7 @@ def smallest_in_box(
     Parameters
     ----------
     blocks, bands
-        The matrix, as in `banded`; positive definite.
+        The matrix, as in `build_banded`; positive definite.
     gradient, lower, upper
         `(frames, parameters)`.
 
@@ -149,7 +149,7 @@ def smallest_in_box(
     numpy.linalg.LinAlgError
         If the matrix is not positive definite.
     """
-    matrix = banded(blocks, bands)
+    matrix = build_banded(blocks, bands)
     stiffness = matrix[0].reshape(gradient.shape)
     at_lower = at_upper = np.zeros(gradient.shape, dtype=bool)
     step = np.zeros_like(gradient)
@@ -158,12 +158,12 @@ def smallest_in_box(
         fixed = at_lower | at_upper
         step = np.where(at_lower, lower, np.where(at_upper, upper, 0.0))
         if fixed.any():
-            pull = -gradient - times(blocks, bands, step)
-            part = _without(matrix, fixed.ravel())
-            step = np.where(fixed, step, _solved(part, np.where(fixed, 0.0, pull)))
+            pull = -gradient - multiply(blocks, bands, step)
+            part = _fix_variables(matrix, fixed.ravel())
+            step = np.where(fixed, step, _solve(part, np.where(fixed, 0.0, pull)))
         else:
-            step = _solved(matrix, -gradient)
-        force = -gradient - times(blocks, bands, step)
+            step = _solve(matrix, -gradient)
+        force = -gradient - multiply(blocks, bands, step)
         force[~fixed] = 0.0
         new_lower = force + stiffness * (step - lower) < 0
         new_upper = force + stiffness * (step - upper) > 0
@@ -183,14 +183,14 @@ def smallest_in_box(
     return np.clip(step, lower, upper)
 
 
-def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
+def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
     factor = cholesky_banded(matrix, lower=True, check_finite=False)
     solution = cho_solve_banded((factor, True), right.ravel(), check_finite=False)
     return np.asarray(solution.reshape(right.shape))
 
 
-def _without(matrix: FloatArray, fixed: BoolArray) -> FloatArray:
-    """The banded matrix with the rows and columns of some variables those of the identity."""
+def _fix_variables(matrix: FloatArray, fixed: BoolArray) -> FloatArray:
+    """The build_banded matrix with the rows and columns of some variables those of the identity."""
     part = matrix.copy()
     for offset in range(min(len(part), part.shape[1])):
         end = part.shape[1] - offset
@@ -199,7 +199,7 @@ def _without(matrix: FloatArray, fixed: BoolArray) -> FloatArray:
     return part
 
 
-def inverse_blocks(blocks: FloatArray, bands: FloatArray) -> FloatArray:
+def compute_inverse_blocks(blocks: FloatArray, bands: FloatArray) -> FloatArray:
     """Block diagonal of the inverse, exactly.
 
     With frames taken in pairs the matrix is block tridiagonal, ``A = L Lᵀ``, and with ``l`` the
@@ -210,7 +210,7 @@ def inverse_blocks(blocks: FloatArray, bands: FloatArray) -> FloatArray:
     Parameters
     ----------
     blocks, bands
-        The matrix, as in `banded`; positive definite.
+        The matrix, as in `build_banded`; positive definite.
 
     Returns
     -------
@@ -218,19 +218,19 @@ def inverse_blocks(blocks: FloatArray, bands: FloatArray) -> FloatArray:
         `(frames, parameters, parameters)`.
     """
     frames, count = blocks.shape[:2]
-    factor = cholesky_banded(banded(blocks, bands), lower=True, check_finite=False)
+    factor = cholesky_banded(build_banded(blocks, bands), lower=True, check_finite=False)
     size = 2 * count
     pairs = -(-frames // 2)
-    # One frame more makes the last pair whole; it is tied to nothing.
-    whole = np.zeros((size + 1, pairs * size))
-    whole[0] = 1.0
-    whole[:, : factor.shape[1]] = factor
-    columns = whole.reshape(size + 1, pairs, size)
-    own, next_below = np.zeros((pairs, size, size)), np.zeros((pairs, size, size))
+    # One frame more makes the last pair padded; it is tied to nothing.
+    padded = np.zeros((size + 1, pairs * size))
+    padded[0] = 1.0
+    padded[:, : factor.shape[1]] = factor
+    columns = padded.reshape(size + 1, pairs, size)
+    blocks_of_pairs, next_below = np.zeros((pairs, size, size)), np.zeros((pairs, size, size))
     for column in range(size):
-        own[:, column:, column] = columns[: size - column, :, column].T
+        blocks_of_pairs[:, column:, column] = columns[: size - column, :, column].T
         next_below[:, : column + 1, column] = columns[size - column :, :, column].T
-    inverse = np.linalg.inv(own)
+    inverse = np.linalg.inv(blocks_of_pairs)
     gain = np.swapaxes(next_below @ inverse, 1, 2)
     spread = np.swapaxes(inverse, 1, 2) @ inverse
     for pair in range(pairs - 2, -1, -1):
@@ -241,7 +241,7 @@ def inverse_blocks(blocks: FloatArray, bands: FloatArray) -> FloatArray:
     return halves.reshape(2 * pairs, count, count)[:frames]
 
 
-def likeliest_smoothing(
+def estimate_smoothing(
     tracks: Sequence[FloatArray], deviations: Sequence[FloatArray], rate: float
 ) -> tuple[float, float]:
     """How much a noisy track should be smoothed, and how noisy it is, by what is most likely.
@@ -284,9 +284,9 @@ def likeliest_smoothing(
     typical = float(np.median(np.concatenate([w[w > 0] for _, w in parts])))
     freedom = sum(int((w > 0).sum()) - 2 for _, w in parts)
     bends = sum(len(w) - 2 for _, w in parts)
-    forms = [roughness_bands(len(w), 1.0, np.ones(1))[:, :, 0] for _, w in parts]
+    forms = [build_roughness_bands(len(w), 1.0, np.ones(1))[:, :, 0] for _, w in parts]
 
-    def noise_and_unlikeliness(log_ratio: float) -> tuple[float, float]:
+    def evaluate_likelihood(log_ratio: float) -> tuple[float, float]:
         ratio = float(np.exp(log_ratio))
         squares = log_determinant = 0.0
         for (y, information), form in zip(parts, forms, strict=True):
@@ -306,18 +306,18 @@ def likeliest_smoothing(
     # The smoothing time is the fourth root of the ratio, in frames.
     ends = 4 * np.log(_SHORTEST_SMOOTHING), 4 * np.log(max(_LONGEST_SMOOTHING * rate, 2.0))
     grid = np.linspace(*ends, 14)
-    best = int(np.argmin([noise_and_unlikeliness(g)[1] for g in grid]))
+    best = int(np.argmin([evaluate_likelihood(g)[1] for g in grid]))
     around = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    found = minimize_scalar(
-        lambda g: noise_and_unlikeliness(g)[1],
+    log_ratio = minimize_scalar(
+        lambda g: evaluate_likelihood(g)[1],
         bounds=around,
         method="bounded",
         options={"xatol": 0.02},
     ).x
-    return float(np.exp(found)) * typical / rate**3, noise_and_unlikeliness(found)[0]
+    return float(np.exp(log_ratio)) * typical / rate**3, evaluate_likelihood(log_ratio)[0]
 
 
-def local_smoothing(
+def estimate_local_smoothing(
     tracks: Sequence[FloatArray],
     deviations: Sequence[FloatArray],
     smoothing: FloatArray,
@@ -325,7 +325,7 @@ def local_smoothing(
 ) -> list[FloatArray]:
     """How much tracks should be smoothed at every moment: less where a gesture is quick.
 
-    The second derivative's strength q of every moment is q of the whole track times a factor,
+    The second derivative's strength q of every moment is q of the padded track times a factor,
     common to the moments around it, whose prior is worth `_PRIOR_COUNT` observations of 1: in
     effect a prior with heavy tails, under which a quick gesture is not improbable. The factors
     are found by the fixed point of the marginal likelihood: a variance is the sum of squares of
@@ -340,7 +340,7 @@ def local_smoothing(
     deviations
         Standard deviation of their noise; infinite where a value is missing.
     smoothing
-        `(parameters,)`: of `likeliest_smoothing`.
+        `(parameters,)`: of `estimate_smoothing`.
     rate
         Hertz.
 
@@ -360,15 +360,15 @@ def local_smoothing(
         for i, (y, weight) in enumerate(zip(known, information, strict=True)):
             if len(y) < 3:
                 continue
-            bands = roughness_bands(len(y), rate, 1.0 / (strengths * factors[i]))
+            bands = build_roughness_bands(len(y), rate, 1.0 / (strengths * factors[i]))
             bands[0] += weight
-            mean, spread = _second_derivatives(bands, weight * y, rate)
+            mean, spread = _compute_curvature_posterior(bands, weight * y, rate)
             share = np.clip(1.0 - spread / (strengths * factors[i]), 0.0, 1.0)
             squares += np.sum(mean**2 / factors[i], axis=0)
             determined += share.sum(axis=0)
             near = round(_SAME_GESTURE * rate)
-            factors[i] = (_PRIOR_COUNT + _sums(mean**2, near) / strengths) / (
-                _PRIOR_COUNT + _sums(share, near)
+            factors[i] = (_PRIOR_COUNT + _sum_nearby(mean**2, near) / strengths) / (
+                _PRIOR_COUNT + _sum_nearby(share, near)
             )
         # A strength goes no further from where it began than a smoothing time of three times.
         change = np.divide(
@@ -378,7 +378,7 @@ def local_smoothing(
     return [1.0 / (strengths * f) for f in factors]
 
 
-def _sums(values: FloatArray, near: int) -> FloatArray:
+def _sum_nearby(values: FloatArray, near: int) -> FloatArray:
     """Sums over the rows that are near each row."""
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
     rows = np.arange(len(values))
@@ -387,13 +387,13 @@ def _sums(values: FloatArray, near: int) -> FloatArray:
     )
 
 
-def _second_derivatives(
+def _compute_curvature_posterior(
     bands: FloatArray, right: FloatArray, rate: float
 ) -> tuple[FloatArray, FloatArray]:
     """Posterior mean and variance of the curvature of separate tracks.
 
     The covariance of neighbours comes from the Cholesky factor, last frame first, as in
-    `inverse_blocks`.
+    `compute_inverse_blocks`.
 
     Parameters
     ----------
@@ -409,7 +409,7 @@ def _second_derivatives(
     for p in range(count):
         factors[:, :, p] = cholesky_banded(bands[:, :, p], lower=True, check_finite=False)
         mean[:, p] = cho_solve_banded((factors[:, :, p], True), right[:, p], check_finite=False)
-    own, one, two = 1.0 / factors[0] ** 2, factors[1] / factors[0], factors[2] / factors[0]
+    same_frame, one, two = 1.0 / factors[0] ** 2, factors[1] / factors[0], factors[2] / factors[0]
     one[-1:] = 0.0
     two[-2:] = 0.0
     same, next_one, next_two = np.zeros((3, frames + 2, count))
@@ -417,8 +417,8 @@ def _second_derivatives(
         a, b = one[t], two[t]
         next_one[t] = -(a * same[t + 1] + b * next_one[t + 1])
         next_two[t] = -(a * next_one[t + 1] + b * same[t + 2])
-        same[t] = own[t] - a * next_one[t] - b * next_two[t]
+        same[t] = same_frame[t] - a * next_one[t] - b * next_two[t]
     same, next_one, next_two = same[:frames], next_one[:frames], next_two[:frames]
     variance = same[:-2] + 4.0 * same[1:-1] + same[2:]
     variance += 2.0 * next_two[:-2] - 4.0 * (next_one[:-2] + next_one[1:-1])
-    return curvature(mean, rate), np.maximum(variance, 0.0) * rate**3
+    return compute_curvature(mean, rate), np.maximum(variance, 0.0) * rate**3

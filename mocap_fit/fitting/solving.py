@@ -1,4 +1,4 @@
-"""What the shape fit's solvers share: their form, their names, their tolerances."""
+"""The protocol of the shape fit's solvers, their names and tolerances."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mocap_fit.tracks import FloatArray
 
-# nlopt's local algorithms that keep to bounds; the first letters say gradient (LD) or none (LN).
+# nlopt's local algorithms with bounds; LD uses the gradient, LN does not.
 ALGORITHMS = (
     "LD_SLSQP",
     "LD_LBFGS",
@@ -28,13 +28,13 @@ ALGORITHMS = (
 NEWTON = "newton"
 NEWTON_NLOPT = "newton-nlopt"
 SOLVERS = (NEWTON_NLOPT, NEWTON, *ALGORITHMS)
-# The algorithm that certifies Newton's answers: of those that end where they begin when that is
-# the least, the one that needs the fewest evaluations to say so.
+# The algorithm that certifies Newton's answers: of those that stay at a start which is the
+# minimum, the one that needs the fewest evaluations to do so.
 CERTIFYING = "LD_LBFGS"
-# The algorithm that stands in where there is no compiled kernel.
+# The algorithm that is used where there is no compiled kernel.
 PLAIN = "LD_SLSQP"
 
-# Solvers stop when no parameter changes by the first, or the cost by the second part of it.
+# Absolute tolerance of the parameters, and relative tolerance of the cost.
 VALUE_TOLERANCE, COST_TOLERANCE = 1e-7, 1e-11
 
 NOT_FITTED, BRIDGED = 0, 6
@@ -52,19 +52,22 @@ STATUS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Solved:
-    """What a solver found in some frames; NaN and `NOT_FITTED` in those it was not to solve.
+class Solution:
+    """A solver's results for a chunk of frames; NaN and `NOT_FITTED` in unusable frames.
 
     Parameters
     ----------
     values
-        `(frames, parameters)`.
+        Parameters, ``(frames, parameters)``; 0 is rest, 1 the full gesture.
     costs
-        `(frames,)`.
-    evaluations, status
-        `(frames,)`.
+        Costs, ``(frames,)``, in the unit of the objective.
+    evaluations
+        Numbers of evaluations, ``(frames,)``, no unit.
+    status
+        Keys of `STATUS`, ``(frames,)``, no unit.
     corrections
-        `(frames, 6)`: of the pose; see `ShapeFit`.
+        Corrections of the pose, ``(frames, 6)``: rotation vector, radians, and translation,
+        millimetres of the face.
     """
 
     values: FloatArray
@@ -74,8 +77,21 @@ class Solved:
     corrections: FloatArray
 
     @classmethod
-    def empty(cls, frames: int, parameters: int) -> Solved:
-        """Nothing solved yet."""
+    def allocate(cls, frames: int, parameters: int) -> Solution:
+        """Allocate results of frames that are not fitted.
+
+        Parameters
+        ----------
+        frames
+            Number of frames.
+        parameters
+            Number of parameters.
+
+        Returns
+        -------
+        Solution
+            Its arrays are to be filled.
+        """
         return cls(
             np.full((frames, parameters), np.nan),
             np.full(frames, np.nan),
@@ -85,8 +101,19 @@ class Solved:
         )
 
     @classmethod
-    def joined(cls, parts: Sequence[Solved]) -> Solved:
-        """One after the other."""
+    def concatenate(cls, parts: Sequence[Solution]) -> Solution:
+        """Concatenate the results of chunks.
+
+        Parameters
+        ----------
+        parts
+            Results, in the order of the frames.
+
+        Returns
+        -------
+        Solution
+            Results of all frames.
+        """
         return cls(
             np.concatenate([part.values for part in parts]),
             np.concatenate([part.costs for part in parts]),
@@ -97,36 +124,47 @@ class Solved:
 
 
 class Solver(Protocol):
-    """Minimises the cost of frame after frame, each from the answer before."""
+    """A solver of the shape fit."""
 
-    def solve(self, targets: FloatArray, head: FloatArray, usable: NDArray[np.bool_]) -> Solved:
-        """Minimise the cost of the usable frames.
+    def solve(self, targets: FloatArray, head: FloatArray, usable: NDArray[np.bool_]) -> Solution:
+        """Minimise the cost of the usable frames, each from the result of the one before.
 
-        The last answer is kept: the next call goes on from it.
+        The next call starts from the last result.
 
         Parameters
         ----------
         targets
-            `(frames, markers, 3)`: the measured face markers in the face's coordinates.
+            Measured face markers, ``(frames, markers, 3)``, millimetres of the face; NaN where
+            hidden.
         head
-            `(frames, head markers, 3)`: the head markers.
+            Head markers, ``(frames, head markers, 3)``, millimetres of the face; NaN where hidden.
         usable
-            `(frames,)`: which frames show enough.
+            Which frames are solved, ``(frames,)``, no unit.
+
+        Returns
+        -------
+        Solution
+            Parameters, costs and status of the frames.
         """
         ...
 
 
-def variable_scale(jacobian: FloatArray, weights: FloatArray) -> FloatArray:
-    """What to divide parameters by, so that a unit of each moves the markers alike.
+def compute_variable_scale(jacobian: FloatArray, weights: FloatArray) -> FloatArray:
+    """Compute divisors of the parameters, after which a unit of each moves the markers alike.
 
-    Solvers that learn the curvature as they go then need half the evaluations.
+    Solvers that estimate the curvature then need half the evaluations.
 
     Parameters
     ----------
     jacobian
-        `(markers, 3, parameters)` at the reference pose.
+        Jacobian at the reference pose, ``(markers, 3, parameters)``, millimetres per unit.
     weights
-        `(markers,)`.
+        Weights of the markers, ``(markers,)``, no unit.
+
+    Returns
+    -------
+    ndarray
+        Divisors, ``(parameters,)``.
     """
     moved = np.sqrt(np.einsum("m,mip,mip->p", weights, jacobian, jacobian))
     return np.asarray(1.0 / np.maximum(moved, 1e-3 * moved.max()))

@@ -16,11 +16,12 @@ from mocap_fit.face import Rig, load_face, to_parameters
 from mocap_fit.fitting.binding import Binding, bind_markers
 from mocap_fit.fitting.layout import Layout, load_layout
 from mocap_fit.fitting.objective import Objective
-from mocap_fit.fitting.orientation import fit_orientation, reference_pose
+from mocap_fit.fitting.orientation import fit_orientation
 from mocap_fit.fitting.over_time import fit_over_time
 from mocap_fit.fitting.shape import ShapeFit, fit_shape
 from mocap_fit.fitting.solving import NEWTON_NLOPT
 from mocap_fit.head import HeadMotion, match_size, remove_head_motion
+from mocap_fit.head.reference import compute_median_pose
 from mocap_fit.io import read_tracks
 from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks
 from mocap_fit.tracks.rigid import refusal
@@ -214,7 +215,7 @@ class Speaker:
             return alone
         return fit_over_time(self.binding, still, alone, objective=objective)
 
-    def fingerprint(
+    def compute_fingerprint(
         self,
         *,
         objective: Objective = "distances",
@@ -357,12 +358,12 @@ def _flatten(value: object) -> Iterator[bytes]:
     elif value is None or isinstance(value, (str, int, float)):
         yield repr(value).encode() + b";"
     else:
-        raise TypeError(f"a {type(value).__name__} has no fingerprint")
+        raise TypeError(f"a {type(value).__name__} has no compute_fingerprint")
 
 
 def _check_head_markers(layout: Layout, reference: MarkerTracks) -> None:
     """Refuse a reference pose whose head markers do not determine a pose."""
-    pose = reference_pose(reference)
+    pose = compute_median_pose(reference)
     names = [m.name for m in layout.head_markers]
     reason = None
     if names:

@@ -19,8 +19,8 @@ from mocap_fit.head.reference import (
     check_fit,
     check_reference_markers,
     check_sizes,
-    chosen_reference,
-    weights_of,
+    check_weights,
+    choose_reference,
 )
 from mocap_fit.tracks import FloatArray, MarkerTracks, Origin, PoseTracks
 from mocap_fit.tracks.robust import pose_information, robust_rigid_transforms
@@ -163,8 +163,8 @@ def estimate_head_motion(
         If markers are left out throughout, or were found and not named, or if they do not have
         the shape of the reference pose.
     """
-    chosen, shape = chosen_reference(recording, reference, names)
-    base = weights_of(chosen, shape, weights, {*recording.names, *(names or ())})
+    chosen, shape = choose_reference(recording, reference, names)
+    base = check_weights(chosen, shape, weights, {*recording.names, *(names or ())})
     positions = recording.positions[:, recording.indices(chosen)]
     check_reference_markers(chosen, shape, positions)
     fit = robust_rigid_transforms(shape, positions, base)
@@ -228,7 +228,7 @@ def remove_head_motion(
     motion = estimate_head_motion(recording, reference, names, weights)
     shifted = recording.positions - motion.translations[:, None, :]
     positions = np.einsum("fji,fpj->fpi", motion.rotations, shifted)
-    tracks = _moved(recording, positions, motion)
+    tracks = _replace_positions(recording, positions, motion)
     step = motion.pose.provenance[-1]
     return tracks.with_step("remove_head_motion", step.arguments), motion
 
@@ -263,7 +263,7 @@ def match_size(
     DataError
         If no frame shows two of the markers, or the sizes differ so much that a unit is wrong.
     """
-    chosen, shape = chosen_reference(recording, reference, names)
+    chosen, shape = choose_reference(recording, reference, names)
     positions = recording.positions[:, recording.indices(chosen)]
     one, other = np.triu_indices(len(chosen), 1)
     check_sizes(chosen, shape, positions)
@@ -307,12 +307,14 @@ def restore_head_motion(tracks: MarkerTracks, motion: HeadMotion) -> MarkerTrack
         )
     positions = np.einsum("fij,fpj->fpi", motion.rotations, tracks.positions)
     positions += motion.translations[:, None, :]
-    return _moved(tracks, positions, motion).with_step(
+    return _replace_positions(tracks, positions, motion).with_step(
         "restore_head_motion", {"reference_markers": list(motion.reference_names)}
     )
 
 
-def _moved(tracks: MarkerTracks, positions: FloatArray, motion: HeadMotion) -> MarkerTracks:
+def _replace_positions(
+    tracks: MarkerTracks, positions: FloatArray, motion: HeadMotion
+) -> MarkerTracks:
     """Tracks with other positions; a warning counts the frames that are lost with their pose."""
     lost = ~motion.known & tracks.visible.any(axis=1)
     if lost.any():

@@ -108,7 +108,7 @@ def check_fit(
         )
 
 
-def weights_of(
+def check_weights(
     names: Sequence[str],
     shape: FloatArray,
     weights: Mapping[str, float] | None,
@@ -131,11 +131,11 @@ def weights_of(
             expected="three or more markers that are not on a line",
             advice="Use markers that are further apart.",
         )
-    given = dict(weights or {})
-    unknown = [name for name in given if name not in {*names, *known}]
+    weights = dict(weights or {})
+    unknown = [name for name in weights if name not in {*names, *known}]
     if unknown:
         raise DataError("a weight is given for an unknown marker", found=", ".join(unknown))
-    base = np.array([given.get(name, 1.0) for name in names])
+    base = np.array([weights.get(name, 1.0) for name in names])
     if not (np.isfinite(base) & (base > 0)).all():
         raise DataError(
             "a weight is not possible",
@@ -145,7 +145,7 @@ def weights_of(
     return base
 
 
-def chosen_reference(
+def choose_reference(
     recording: MarkerTracks,
     reference: MarkerTracks | ArrayLike | None,
     names: Sequence[str] | None,
@@ -164,7 +164,7 @@ def chosen_reference(
             )
         pose = dict(zip(chosen, points, strict=True))
     elif reference is not None:
-        pose = median_pose(reference)
+        pose = compute_median_pose(reference)
         if names is None:
             shared = tuple(name for name in recording.names if name in pose)
             if len(shared) < 3:
@@ -173,11 +173,11 @@ def chosen_reference(
                     found=", ".join(shared) or "none",
                     expected=f"three or more of {', '.join(reference.names)}",
                 )
-            chosen = _found(recording.select(shared))
+            chosen = _choose_markers(recording.select(shared))
         else:
             chosen = tuple(names)
     else:
-        chosen = _found(recording) if names is None else tuple(names)
+        chosen = _choose_markers(recording) if names is None else tuple(names)
         known = tuple(name for name in chosen if name in recording.names)
         shape = mean_shape(recording.select(known).positions) if known else np.zeros((0, 3))
         pose = dict(zip(known, shape, strict=True))
@@ -212,22 +212,28 @@ _medians: weakref.WeakKeyDictionary[MarkerTracks, dict[str, FloatArray]] = (
 )
 
 
-def median_pose(reference: MarkerTracks) -> dict[str, FloatArray]:
-    """Where each marker of the reference pose is, `(3,)`: the median over the frames."""
+def compute_median_pose(reference: MarkerTracks) -> dict[str, FloatArray]:
+    """Compute the median position of every marker over the frames of a recording.
+
+    Parameters
+    ----------
+    reference
+        Recording of the reference pose.
+
+    Returns
+    -------
+    dict
+        Marker → ``(3,)``, millimetres, without markers that are never seen.
+    """
     if reference not in _medians:
-        _medians[reference] = dict(zip(reference.names, _median(reference.positions), strict=True))
+        seen = np.flatnonzero(reference.visible.any(axis=0))
+        medians = np.nanmedian(reference.positions[:, seen], axis=0)
+        names = [reference.names[i] for i in seen]
+        _medians[reference] = dict(zip(names, medians, strict=True))
     return _medians[reference]
 
 
-def _median(positions: FloatArray) -> FloatArray:
-    """Median over the frames, NaN for markers that are never seen."""
-    result = np.full(positions.shape[1:], np.nan)
-    seen = ~np.isnan(positions).any(axis=2).all(axis=0)
-    result[seen] = np.nanmedian(positions[:, seen], axis=0)
-    return result
-
-
-def _found(recording: MarkerTracks) -> tuple[str, ...]:
+def _choose_markers(recording: MarkerTracks) -> tuple[str, ...]:
     chosen = find_reference_markers(recording)
     if len(chosen) < len(recording.names):
         warnings.warn(

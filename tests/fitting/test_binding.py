@@ -50,7 +50,7 @@ def test_jacobian_is_the_derivative(binding: Binding, values: np.ndarray) -> Non
 @settings(max_examples=30, deadline=None)
 @given(values=VALUES)
 def test_kernel_equals_numpy(binding: Binding, values: np.ndarray) -> None:
-    positions, jacobian = Evaluator(binding, "squares", 1.0).markers(values)
+    positions, jacobian = Evaluator(binding, "squares", 1.0).evaluate(values)
     expected_positions, expected_jacobian = binding.evaluate(values)
     np.testing.assert_allclose(positions, expected_positions, atol=1e-10)
     np.testing.assert_allclose(jacobian, expected_jacobian, atol=1e-10)

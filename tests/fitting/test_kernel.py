@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from mocap_fit.face.mesh import Mesh
 from mocap_fit.face.rig import CompiledRig, Kind, evaluate, evaluate_jacobian
 from mocap_fit.fitting import Binding, Orientation
-from mocap_fit.fitting.binding import virtual_markers
+from mocap_fit.fitting.binding import compute_virtual_markers
 from mocap_fit.fitting.objective import OBJECTIVES, cost
 
 kernel = pytest.importorskip("mocap_fit.fitting.kernel", reason="needs numba")
-from mocap_fit.fitting.slots import LANES, SLOT, Slots, pack, pack_frames  # noqa: E402
+from mocap_fit.fitting.packed_binding import SLOT, WIDTH, PackedBinding, pack, pack_frames  # noqa: E402
 
 THRESHOLD = 4.0
 
@@ -136,21 +136,24 @@ CASES = st.builds(
 
 
 class Kernel:
-    """The kernel with the room it works in."""
+    """The kernel with the workspace it works in."""
 
-    def __init__(self, slots: Slots) -> None:
-        self._slots, rows = slots, slots.blocks * SLOT
-        self._room, self._rows = np.full(slots.room, np.nan), np.full((1, rows), np.nan)
-        self._shares = np.full((1, slots.parameters, rows), np.nan)
+    def __init__(self, packed: PackedBinding) -> None:
+        self._packed, rows = packed, packed.blocks * SLOT
+        self._workspace, self._rows = (
+            np.full(packed.workspace_size, np.nan),
+            np.full((1, rows), np.nan),
+        )
+        self._shares = np.full((1, packed.parameters, rows), np.nan)
 
     def cost(
         self, values: np.ndarray, frame: np.ndarray, objective: int, threshold: float
     ) -> tuple[float, np.ndarray]:
         slope = np.full(len(values), np.nan)
         cost = kernel.evaluate(
-            self._slots.plan,
-            self._slots.numbers,
-            self._room,
+            self._packed.plan,
+            self._packed.numbers,
+            self._workspace,
             values[None],
             frame,
             objective,
@@ -162,7 +165,7 @@ class Kernel:
         return cost, slope
 
     def slopes(self, values: np.ndarray) -> np.ndarray:
-        self.cost(values, np.zeros(0), kernel.SLOPES, 0.0)
+        self.cost(values, np.zeros(0), kernel.JACOBIANS, 0.0)
         return self._shares.copy()
 
 
@@ -174,7 +177,7 @@ def in_kernel(case: Case, objective: str, values: np.ndarray) -> tuple[float, np
 
 def in_numpy(case: Case, objective: str, values: np.ndarray) -> tuple[float, np.ndarray]:
     b, seen = case.binding, case.seen
-    positions, slopes = virtual_markers(
+    positions, slopes = compute_virtual_markers(
         *evaluate_jacobian(b.compiled, values), b.corners, b.coordinates, b.ring_starts, b.rings
     )
     value, pull = cost(positions[seen] - case.targets[seen], b.weights[seen], objective, THRESHOLD)
@@ -199,9 +202,9 @@ def test_cost_and_gradient_are_those_of_numpy(case: Case, objective: str) -> Non
 @settings(max_examples=60, deadline=None)
 @given(case=CASES)
 def test_markers_and_jacobian_are_those_of_numpy(case: Case) -> None:
-    slots = pack(case.binding)
+    packed = pack(case.binding)
     several = np.stack([case.values, -0.5 * case.values, np.zeros_like(case.values)])
-    found, slopes = kernel.markers_of_frames(slots, several, len(case.binding.names))
+    found, slopes = kernel.evaluate_frames(packed, several, len(case.binding.names))
     for i, values in enumerate(several):
         positions, expected = case.binding.evaluate(values)
         assert_close(found[i], positions)
@@ -235,10 +238,10 @@ def test_nan_gives_nan(case: Case, objective: str, which: int) -> None:
     assert np.isnan(value) == np.isin(which % len(values), case.binding.compiled.parameters)
 
 
-@pytest.mark.parametrize("markers", [1, LANES - 1, LANES, LANES + 1, 2 * LANES, 70])
+@pytest.mark.parametrize("markers", [1, WIDTH - 1, WIDTH, WIDTH + 1, 2 * WIDTH, 70])
 def test_blocks_end_where_they_should(markers: int) -> None:
     case = make_case(3, [Kind.TRANSLATION, Kind.ROTATION, Kind.SCALING, Kind.FIELD], markers, 4)
-    assert pack(case.binding).blocks == -(-markers // LANES)
+    assert pack(case.binding).blocks == -(-markers // WIDTH)
     value, slope = in_kernel(case, "distances", case.values)
     expected, expected_slope = in_numpy(case, "distances", case.values)
     assert value == pytest.approx(expected, rel=1e-12)
@@ -279,8 +282,8 @@ def test_rings_of_any_mesh(fans: list[list[int]]) -> None:
         ring_starts=np.cumsum([0, 4, len(fans), 4]),
         rings=np.array([*plain, *fans, *plain]),
     )
-    slots = pack(binding)
-    found, slopes = kernel.markers_of_frames(slots, case.values[None], 3)
+    packed = pack(binding)
+    found, slopes = kernel.evaluate_frames(packed, case.values[None], 3)
     positions, expected = binding.evaluate(case.values)
     assert_close(found[0], positions)
     assert_close(slopes[0], expected)
@@ -318,8 +321,8 @@ def test_angles_up_to_a_half_turn(angle: float) -> None:
     compiled.vectors[0] = turn
     compiled.weights[0] = 1.0
     values = np.array([0.0 if angle == 0.0 else 1.0])
-    slots = pack(case.binding)
-    found, slopes = kernel.markers_of_frames(slots, values[None], 9)
+    packed = pack(case.binding)
+    found, slopes = kernel.evaluate_frames(packed, values[None], 9)
     positions, expected = case.binding.evaluate(values)
     np.testing.assert_allclose(found[0], positions, atol=1e-12 * np.abs(positions).max())
     assert_close(slopes[0], expected)
@@ -336,7 +339,7 @@ def test_a_rotation_about_nothing_moves_nothing() -> None:
 
 
 def test_the_room_is_used_again() -> None:
-    """What an earlier frame left in the room does not show in a later one."""
+    """What an earlier frame left in the workspace does not show in a later one."""
     case = make_case(23, list(Kind), 35, 4)
     frame = pack_frames(case.targets[None], case.binding.weights)[0]
     used = Kernel(pack(case.binding))

@@ -6,7 +6,7 @@ import pytest
 
 from mocap_fit.errors import ConfigurationError, MissingFileError
 from mocap_fit.face import Rig, to_parameters
-from mocap_fit.fitting import load_layout, shipped_layouts
+from mocap_fit.fitting import list_layouts, load_layout
 
 MARKERS = """
 [[markers]]
@@ -37,7 +37,7 @@ def test_shipped_layouts_are_what_they_say(name: str, face: int, head: int) -> N
     assert len(layout.head_markers) == head
 
 
-@pytest.mark.parametrize("name", shipped_layouts())
+@pytest.mark.parametrize("name", list_layouts())
 def test_shipped_layouts_fit_the_built_in_head(name: str, face: Rig) -> None:
     layout = load_layout(name)
     to_parameters(layout.reference_parameters, face.parameter_names)

@@ -18,10 +18,10 @@ from mocap_fit.tracks import MarkerTracks
 
 native = pytest.importorskip("mocap_fit.fitting.native", reason="needs numba")
 from mocap_fit.fitting.compiled_solver import CompiledSolver  # noqa: E402
-from mocap_fit.fitting.slots import pack, pack_frames  # noqa: E402
+from mocap_fit.fitting.packed_binding import pack, pack_frames  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
-here = pytest.mark.skipif(native.library() is None, reason="this nlopt shows no C functions")
+here = pytest.mark.skipif(native.load_library() is None, reason="this nlopt shows no C functions")
 
 
 @pytest.fixture
@@ -95,7 +95,7 @@ def test_the_best_point_is_kept(binding: Binding, recording) -> None:
 @here
 def test_solvers_leave_nothing(binding: Binding, monkeypatch) -> None:
     """Of a thousand solvers that are dropped, each frees what nlopt made for it, once."""
-    library = native.library()
+    library = native.load_library()
     create, destroy = library.nlopt_create, library.nlopt_destroy
     alive: set[int] = set()
     made = 0
@@ -114,12 +114,12 @@ def test_solvers_leave_nothing(binding: Binding, monkeypatch) -> None:
 
     monkeypatch.setattr(library, "nlopt_create", counting_create)
     monkeypatch.setattr(library, "nlopt_destroy", counting_destroy)
-    slots, bounds = pack(binding), np.ascontiguousarray(binding.rig.bounds)
+    packed, bounds = pack(binding), np.ascontiguousarray(binding.rig.bounds)
     frames = pack_frames(binding.evaluate(binding.reference_parameters)[0][None], binding.weights)
     start, free = np.full((1, 10), 0.1), np.zeros((1, 10), dtype=bool)
     for _ in range(1000):
         solver = native.NativeSolver(
-            slots,
+            packed,
             objective=0,
             threshold=1.0,
             algorithm=nlopt.LD_SLSQP,
@@ -144,7 +144,7 @@ def test_without_c_functions_the_answers_are_the_same(
 ) -> None:
     """Where nlopt's wheel shows no functions, its Python classes do it."""
     fast = fit_shape(binding, recording)
-    monkeypatch.setattr(native, "library", lambda: None)
+    monkeypatch.setattr(native, "load_library", lambda: None)
     slow = fit_shape(binding, recording)
     reach = np.ptp(binding.rig.bounds, axis=1)
     apart = np.abs(fast.parameters.values - slow.parameters.values) / reach
@@ -162,7 +162,7 @@ def test_what_was_solved_before_does_not_count(
 ) -> None:
     """The same bytes again: results do not depend on which process fitted what before."""
     if through == "Python":
-        monkeypatch.setattr(native, "library", lambda: None)
+        monkeypatch.setattr(native, "load_library", lambda: None)
     first, second = (
         fit_shape(binding, recording, solver=algorithm, maximum_evaluations=300).parameters.values
         for _ in range(2)

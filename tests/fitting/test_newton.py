@@ -30,7 +30,7 @@ def speech(rng: np.random.Generator, frames: int) -> FloatArray:
 
 def seen(binding: Binding, values: FloatArray, noise: float, rng) -> MarkerTracks:
     """The face markers of parameters over time, with noise."""
-    positions, _ = Evaluator(binding, "squares", 1.0).markers_of_frames(np.atleast_2d(values))
+    positions, _ = Evaluator(binding, "squares", 1.0).evaluate_frames(np.atleast_2d(values))
     return MarkerTracks(binding.names, 60.0, positions + rng.normal(0.0, noise, positions.shape))
 
 
@@ -50,7 +50,7 @@ class Frames:
 
     def nearest(self, values: FloatArray) -> float:
         """The least distance of a marker: where it is nil, distances have no slope."""
-        positions, _ = self._evaluator.markers(values)
+        positions, _ = self._evaluator.evaluate(values)
         return float(np.linalg.norm((positions - self._target)[self._seen], axis=1).min())
 
     def push(self, values: FloatArray) -> float:

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from mocap_fit.errors import DataError
 from mocap_fit.face import Rig
 from mocap_fit.fitting import Layout, Orientation, fit_orientation
-from mocap_fit.fitting.orientation import orient_points
+from mocap_fit.fitting.orientation import align_points
 from mocap_fit.tracks import similarity_transform
 
 POINTS = np.array(
@@ -31,7 +31,7 @@ def distances(orientation: Orientation, source: np.ndarray, target: np.ndarray) 
 def test_a_known_transform_is_found(seed, scale, vector, shift) -> None:
     rotation = Rotation.from_rotvec(vector).as_matrix()
     source = (POINTS - np.array(shift)) @ rotation / scale
-    found = orient_points(source, POINTS)
+    found = align_points(source, POINTS)
     assert found.scale == pytest.approx(scale, rel=1e-7)
     np.testing.assert_allclose(found.rotation, rotation, atol=1e-7)
     np.testing.assert_allclose(found.apply(source), POINTS, atol=1e-5)
@@ -42,7 +42,7 @@ def test_a_known_transform_is_found(seed, scale, vector, shift) -> None:
 def test_squares_are_procrustes(seed: int) -> None:
     rng = np.random.default_rng(seed)
     source = 1.1 * POINTS + rng.normal(0, 4.0, POINTS.shape)
-    found = orient_points(source, POINTS, objective="squares")
+    found = align_points(source, POINTS, objective="squares")
     scale, rotation, translation = similarity_transform(source, POINTS)
     assert found.scale == pytest.approx(scale, rel=1e-6)
     np.testing.assert_allclose(found.rotation, rotation, atol=1e-6)
@@ -55,7 +55,7 @@ def test_distances_are_least(seed: int) -> None:
     """No small step of any of the seven parameters, nor Procrustes, has a smaller sum."""
     rng = np.random.default_rng(seed)
     source = POINTS + rng.normal(0, 3.0, POINTS.shape)
-    found = orient_points(source, POINTS)
+    found = align_points(source, POINTS)
     least = distances(found, source, POINTS).sum()
     closed = Orientation(*similarity_transform(source, POINTS))
     assert least <= distances(closed, source, POINTS).sum() + 1e-9
@@ -71,8 +71,8 @@ def test_distances_are_least(seed: int) -> None:
 def test_distances_forgive_one_bad_point() -> None:
     source = POINTS.copy()
     source[2] += [0, 0, 15]
-    robust = orient_points(source, POINTS)
-    squares = orient_points(source, POINTS, objective="squares")
+    robust = align_points(source, POINTS)
+    squares = align_points(source, POINTS, objective="squares")
     good = [0, 1, 3, 4, 5]
     assert distances(robust, source[good], POINTS[good]).max() < 1e-3
     assert distances(squares, source[good], POINTS[good]).max() > 1.0
@@ -109,4 +109,4 @@ def test_too_few_strategic_points(layout: Layout, face: Rig, session) -> None:
 def test_points_on_a_line_are_refused() -> None:
     line = np.outer(np.arange(4.0), [1.0, 2.0, 3.0])
     with pytest.raises(DataError, match="line"):
-        orient_points(line, POINTS[:4])
+        align_points(line, POINTS[:4])

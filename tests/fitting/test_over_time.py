@@ -53,11 +53,11 @@ def random_system(rng: np.random.Generator, frames: int, count: int):
     roots = rng.normal(size=(frames, count, count))
     blocks = roots @ np.swapaxes(roots, 1, 2) + 0.1 * np.eye(count)
     strengths = rng.uniform(0.5, 2.0, (max(frames - 2, 0), count))
-    bands = algebra.roughness_bands(frames, 2.0, strengths)
+    bands = algebra.build_roughness_bands(frames, 2.0, strengths)
     full = np.zeros((frames, count, frames, count))
     for t in range(frames):
         full[t, :, t, :] = blocks[t]
-    second = algebra.curvature(np.eye(frames), 2.0)
+    second = algebra.compute_curvature(np.eye(frames), 2.0)
     for p in range(count):
         full[:, p, :, p] += second.T @ (strengths[:, p, None] * second)
     return blocks, bands, strengths, full.reshape(frames * count, frames * count)
@@ -69,14 +69,14 @@ def test_banded_is_dense(rng, frames, count) -> None:
     blocks, bands, _, full = random_system(rng, frames, count)
     gradient = rng.normal(size=(frames, count))
     far = np.full((frames, count), 1e9)
-    step = algebra.smallest_in_box(blocks, bands, gradient, -far, far)
+    step = algebra.minimise_in_box(blocks, bands, gradient, -far, far)
     np.testing.assert_allclose(step.ravel(), np.linalg.solve(full, -gradient.ravel()), atol=1e-8)
     np.testing.assert_allclose(
-        algebra.times(blocks, bands, gradient).ravel(), full @ gradient.ravel(), atol=1e-9
+        algebra.multiply(blocks, bands, gradient).ravel(), full @ gradient.ravel(), atol=1e-9
     )
     inverse = np.linalg.inv(full).reshape(frames, count, frames, count)
     diagonal = np.einsum("tptq->tpq", inverse)
-    np.testing.assert_allclose(algebra.inverse_blocks(blocks, bands), diagonal, atol=1e-8)
+    np.testing.assert_allclose(algebra.compute_inverse_blocks(blocks, bands), diagonal, atol=1e-8)
 
 
 def test_the_least_in_a_box(rng) -> None:
@@ -85,7 +85,7 @@ def test_the_least_in_a_box(rng) -> None:
         blocks, bands, _, full = random_system(rng, 8, 3)
         gradient = rng.normal(0, 5, size=(8, 3))
         lower, upper = -rng.uniform(0, 0.5, (8, 3)), rng.uniform(0, 0.5, (8, 3))
-        step = algebra.smallest_in_box(blocks, bands, gradient, lower, upper)
+        step = algebra.minimise_in_box(blocks, bands, gradient, lower, upper)
         pull = -(full @ step.ravel()).reshape(8, 3) - gradient
         assert (step >= lower).all()
         assert (step <= upper).all()
@@ -98,12 +98,12 @@ def test_the_least_in_a_box(rng) -> None:
 def test_curvature_of_separate_tracks(rng) -> None:
     """Mean and variance are those of the dense posterior."""
     strengths = rng.uniform(0.5, 2.0, (10, 2))
-    bands = algebra.roughness_bands(12, 3.0, strengths)
+    bands = algebra.build_roughness_bands(12, 3.0, strengths)
     weight = rng.uniform(1.0, 5.0, (12, 2))
     bands[0] += weight
     right = rng.normal(size=(12, 2))
-    mean, variance = algebra._second_derivatives(bands, right, 3.0)
-    second = algebra.curvature(np.eye(12), 3.0)
+    mean, variance = algebra._compute_curvature_posterior(bands, right, 3.0)
+    second = algebra.compute_curvature(np.eye(12), 3.0)
     for p in range(2):
         spread = np.linalg.inv(np.diag(weight[:, p]) + second.T @ (strengths[:, p, None] * second))
         np.testing.assert_allclose(mean[:, p], second @ spread @ right[:, p], atol=1e-9)
@@ -120,7 +120,7 @@ def test_the_likeliest_smoothing_is_the_true_one(rate) -> None:
     track = np.cumsum(np.cumsum(second)) / rate**1.5
     seen = track + rng.normal(0, 1.5 * noise, frames)
     seen[100:130] = np.nan
-    smoothing, factor = algebra.likeliest_smoothing([seen], [np.full(frames, noise)], rate)
+    smoothing, factor = algebra.estimate_smoothing([seen], [np.full(frames, noise)], rate)
     assert factor == pytest.approx(1.5**2, rel=0.15)
     assert smoothing == pytest.approx(factor / strength, rel=0.4)
 
@@ -156,7 +156,7 @@ def test_the_answer_is_the_least(binding: Binding, recording, objective) -> None
     costs = FrameCosts(Evaluator(binding, objective, 1.0), targets, weights, objective, 1.0)
 
     def total(values: np.ndarray) -> float:
-        rough = algebra.curvature(values, RATE)
+        rough = algebra.compute_curvature(values, RATE)
         return float(costs.at(values).costs.sum() + weight * np.sum(rough**2))
 
     found = smooth.parameters.values
@@ -310,7 +310,7 @@ def test_deviations_for_tracks_of_the_prior() -> None:
     frames, count, draws, strength = 12, 2, 4000, 3.0
     roots = rng.normal(size=(frames, 4, count))
     blocks = np.einsum("tmp,tmq->tpq", roots, roots) + 0.5 * np.eye(count)
-    bands = algebra.roughness_bands(frames, 2.0, np.full((frames - 2, count), 1 / strength))
+    bands = algebra.build_roughness_bands(frames, 2.0, np.full((frames - 2, count), 1 / strength))
     squares = np.zeros((frames, count))
     factor = np.linalg.cholesky(blocks)
     far = np.full((frames, count), 1e9)
@@ -320,8 +320,8 @@ def test_deviations_for_tracks_of_the_prior() -> None:
         seen = np.einsum("tpq,tq->tp", blocks, truth) + np.einsum(
             "tpq,tq->tp", factor, rng.normal(size=(frames, count))
         )
-        squares += (algebra.smallest_in_box(blocks, bands, -seen, -far, far) - truth) ** 2
-    expected = np.einsum("tpp->tp", algebra.inverse_blocks(blocks, bands))
+        squares += (algebra.minimise_in_box(blocks, bands, -seen, -far, far) - truth) ** 2
+    expected = np.einsum("tpp->tp", algebra.compute_inverse_blocks(blocks, bands))
     np.testing.assert_allclose(squares.sum() / (draws // 10), expected.sum(), rtol=0.06)
 
 

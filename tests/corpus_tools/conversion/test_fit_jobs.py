@@ -209,15 +209,15 @@ def speaker(folder):
 class TestFingerprint:
     def test_it_is_the_same_when_made_again(self, folder, speaker):
         again = fit_speaker("built-in", folder.layout, folder.reference)
-        assert again.fingerprint() == speaker.fingerprint()
+        assert again.compute_fingerprint() == speaker.compute_fingerprint()
 
     def test_options_and_version_count(self, speaker, monkeypatch):
         found = {
-            speaker.fingerprint(**settings)
+            speaker.compute_fingerprint(**settings)
             for settings in ({}, {"objective": "squares"}, {"refine_pose": True})
         }
         monkeypatch.setattr("mocap_fit.fitting.speaker.__version__", "99.0")
-        assert len(found | {speaker.fingerprint()}) == 4
+        assert len(found | {speaker.compute_fingerprint()}) == 4
 
 
 # Where tests run in the background, Ctrl-C may be set to be ignored, and that is inherited.
