@@ -121,7 +121,7 @@ class Mesh:
         return (
             f"Mesh({len(self.vertices)} vertices, {len(self.triangles)} triangles, "
             f"{len(self.regions)} regions, {len(self.feature_points)} feature points;\n"
-            f"     parts {names if len(names) <= 90 else names[:89] + '…'})"
+            f"     parts {names if len(names) <= 80 else names[:79] + '…'})"
         )
 
     def get_part(self, name: str) -> Part:

@@ -1,18 +1,27 @@
 """The built-in head: symmetry, closedness, regions, feature points, cache."""
 
+import importlib.util
+import json
 import os
 import stat
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.face.builtin import load_built_in_head, reshape_head
-from mocap_fit.face.builtin.cache import get_cache_folder, load_mesh, save_mesh
+from mocap_fit.face.builtin.cache import (
+    get_cache_folder,
+    hash_sources,
+    load_mesh,
+    save_mesh,
+)
 from mocap_fit.face.mesh import Mesh
 
+FACES = Path(__file__).parents[2] / "fixtures" / "faces"
 PARTS = (
     "skin",
     "teeth_upper",
@@ -95,6 +104,22 @@ def mirror_of(vertices: np.ndarray) -> np.ndarray:
 def signed_volume(vertices: np.ndarray, triangles: np.ndarray) -> float:
     a, b, c = (vertices[triangles[:, i]] for i in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+@pytest.fixture(scope="module")
+def make_head():
+    specification = importlib.util.spec_from_file_location("make_head", FACES / "make_head.py")
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+def test_the_head_is_the_published_one(head, make_head):
+    """Rig files, layouts and fitted corpora count on its vertices: it must not move."""
+    with np.load(FACES / "head.npz") as published:
+        assert make_head.describe(head) == json.loads(str(published["about"]))
+        np.testing.assert_allclose(head.vertices, published["vertices"] / 100, atol=0.0051)
+        np.testing.assert_allclose(head.colours, published["colours"] / 255, atol=0.00197)
 
 
 def test_parts_are_the_agreed_ones_in_order(head):
@@ -354,6 +379,29 @@ def test_feature_points_are_in_their_regions(head, name, region):
     assert head.get_feature_point(name) in head.get_region(region)
 
 
+def test_dimensions_are_an_adults(head):
+    """Means of adults, men and women together, within a fifth (Farkas, Anthropometry, 1994)."""
+
+    def position(name):
+        return head.vertices[head.get_feature_point(name)]
+
+    between = {
+        ("8.3", "8.4", 0): 52,  # width of the mouth
+        ("3.7", "3.12", 0): 90,  # outer corners of the eyes
+        ("3.11", "3.8", 0): 32,  # inner corners of the eyes
+        ("9.1", "9.2", 0): 34,  # wings of the nose
+        ("9.7", "2.1", 1): 118,  # root of the nose to the chin
+        ("9.7", "9.15", 1): 52,  # height of the nose
+        ("9.15", "2.1", 1): 68,  # lower face
+        ("10.1", "10.5", 1): 61,  # height of the ear
+        ("11.4", "2.1", 1): 225,  # height of the head
+        ("9.3", "11.6", 2): 205,  # length of the head with the nose
+    }
+    for (first, second, axis), expected in between.items():
+        length = position(first)[axis] - position(second)[axis]
+        assert length == pytest.approx(expected, rel=0.2), (first, second)
+
+
 def test_proportions_are_human(head):
     def height(name):
         return head.vertices[head.get_feature_point(name), 1]
@@ -460,6 +508,24 @@ def test_cache_folder_follows_the_platform(monkeypatch):
     assert get_cache_folder().as_posix() == "/local/mocap-fit/Cache"
 
 
+def test_the_key_of_the_cache_changes_with_sources_and_versions(tmp_path, monkeypatch):
+    one, other = tmp_path / "a.py", tmp_path / "b.py"
+    one.write_text("1")
+    other.write_text("2")
+    key = hash_sources(one, other)
+    assert len(key) == 16
+    assert hash_sources(other, one) == key
+    keys = {key, hash_sources(one)}
+    one.write_text("3")
+    keys.add(hash_sources(one, other))
+    one.write_text("1")
+    one.rename(tmp_path / "c.py")
+    keys.add(hash_sources(tmp_path / "c.py", other))
+    monkeypatch.setattr(np, "__version__", "0")
+    keys.add(hash_sources(tmp_path / "c.py", other))
+    assert len(keys) == 5
+
+
 class TestReshape:
     def test_nothing_changes_by_default(self, head):
         np.testing.assert_allclose(reshape_head(head).vertices, head.vertices, atol=1e-12)
@@ -488,6 +554,34 @@ class TestReshape:
 
         assert 1.1 < length(longer) / length(head) < 1.2
 
+    def test_the_lower_face_sets_in_over_15_mm(self):
+        """Below the nose by d: d²/30 more for d up to 15 mm, d - 7.5 beyond, times the factor."""
+        heights = [20.0, 25.0, 14.0, 5.0, -10.0, -40.0]
+        vertices = np.array([[0.0, y, 90] for y in heights])
+        points = {"9.15": 0, "8.3": 4, "8.4": 4}
+        longer = reshape_head(
+            Mesh(vertices, np.array([[0, 1, 2]]), feature_points=points), lower_face=1.5
+        )
+        moved = heights - longer.vertices[:, 1]
+        np.testing.assert_allclose(moved, 0.5 * np.array([0, 0, 36 / 30, 7.5, 22.5, 52.5]))
+
+    def test_the_widening_of_the_mouth_fades_as_a_gaussian(self):
+        """Of 48 mm across, 30 up and down, 45 forwards and back, about between the corners."""
+        vertices = np.array([[24.0, 2, 80], [-24, 2, 80], [48, 2, 80], [10, 32, 80], [10, 2, 35.0]])
+        points = {"9.15": 3, "8.3": 0, "8.4": 1}
+        wider = reshape_head(
+            Mesh(vertices, np.array([[0, 1, 2]]), feature_points=points), mouth_width=1.5
+        )
+        growth = wider.vertices[:, 0] / vertices[:, 0] - 1
+        away = np.array([0.25, 0.25, 1, (10 / 48) ** 2 + 1, (10 / 48) ** 2 + 1])
+        np.testing.assert_allclose(growth, 0.5 * np.exp(-away))
+
+    @pytest.mark.parametrize("factor", [0.5, 2.0])
+    def test_the_largest_factors_are_accepted(self, head, factor):
+        np.testing.assert_allclose(
+            reshape_head(head, size=factor).vertices, factor * head.vertices, atol=1e-12
+        )
+
     def test_mouth_width_widens_the_mouth(self, head):
         wider = reshape_head(head, mouth_width=1.2)
         corner, ear = head.get_feature_point("8.3"), head.get_feature_point("10.3")
@@ -515,7 +609,7 @@ class TestReshape:
         assert other.parts == head.parts
         assert other.feature_points == head.feature_points
 
-    @pytest.mark.parametrize("factor", [0, -1, 0.3, 3, np.nan, np.inf])
+    @pytest.mark.parametrize("factor", [0, -1, 0.49, 2.01, np.nan, np.inf])
     @pytest.mark.parametrize("name", ["width", "lower_face", "mouth_width", "size"])
     def test_impossible_factors_are_refused(self, head, name, factor):
         with pytest.raises(ConfigurationError, match=name):

@@ -14,6 +14,7 @@ from mocap_fit.errors import (
     MocapFitWarning,
 )
 from mocap_fit.face.import_mesh import read_mesh
+from mocap_fit.face.mesh_pieces import _make_unique
 
 
 def egg(rows: int = 9, columns: int = 12) -> tuple[np.ndarray, np.ndarray]:
@@ -192,7 +193,56 @@ def test_triangles_without_area_are_left_out_with_a_warning(tmp_path):
     assert len(mesh.triangles) == len(triangles)
 
 
-def test_edges_of_three_triangles_are_told(tmp_path):
+def thin_triangle(area: float) -> list[list[float]]:
+    """Corners of a triangle on a base of 1 mm."""
+    return [[0.0, 0, 0], [1, 0, 0], [0, 2 * area, 0]]
+
+
+@pytest.mark.parametrize(("area", "count"), [(1.01e-10, 1), (0.99e-10, 0)])
+def test_a_triangle_of_1e_10_square_millimetres_has_no_area(tmp_path, area, count):
+    vertices, triangles = egg()
+    path = tmp_path / "a.obj"
+    corners = [*vertices.tolist(), *thin_triangle(area)]
+    thin = [len(vertices) + i for i in range(3)]
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in corners]
+    lines += ["f {} {} {}".format(*(np.add(t, 1))) for t in [*triangles.tolist(), thin]]
+    path.write_text("\n".join(lines))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MocapFitWarning)
+        assert len(read_mesh(path).triangles) == len(triangles) + count
+
+
+def test_three_vertices_on_a_line_have_no_area_whatever_rounding_does(tmp_path):
+    generator = np.random.default_rng(2)
+    vertices, triangles = egg()
+    starts, ends = generator.uniform(-100, 100, (2, 50, 3))
+    middles = starts + generator.uniform(0, 1, (50, 1)) * (ends - starts)
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
+    flat = np.stack([starts, middles, ends], axis=1).reshape(-1, 3)
+    lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in flat.tolist()]
+    lines += ["f {} {} {}".format(*(t + 1)) for t in triangles]
+    first = len(vertices) + 1
+    lines += [f"f {i} {i + 1} {i + 2}" for i in range(first, first + 150, 3)]
+    path = tmp_path / "a.obj"
+    path.write_text("\n".join(lines))
+    with pytest.warns(MocapFitWarning, match="50 triangles without area"):
+        assert len(read_mesh(path).triangles) == len(triangles)
+
+
+@pytest.mark.parametrize(
+    ("across", "fits"), [(79.9, False), (80.1, True), (599.9, True), (600.1, False)]
+)
+def test_heads_are_8_to_60_centimetres_across(tmp_path, across, fits):
+    vertices, triangles = egg()
+    path = write_obj(tmp_path / "a.obj", vertices * across / np.ptp(vertices[:, 1]), triangles)
+    if fits:
+        assert np.ptp(quiet(path).vertices[:, 1]) == pytest.approx(across, abs=1e-3)
+    else:
+        with pytest.raises(DataError, match=r"size of a head .*expected 80 to 600 mm"):
+            read_mesh(path)
+
+
+def test_edges_of_three_triangles_are_reported(tmp_path):
     vertices, triangles = egg()
     vertices = np.concatenate([vertices, [[200.0, 0, 0]]])
     fin = [*triangles[0, :2].tolist(), len(vertices) - 1]
@@ -230,6 +280,60 @@ def test_ply_with_polygons_of_different_lengths(tmp_path, kind):
     np.testing.assert_allclose(mesh.vertices, vertices, atol=1e-4)
     assert len(mesh.triangles) == len(triangles)
     assert mesh.triangles[-2:].tolist() == [[0, 12, 13], [0, 13, 1]]
+
+
+@pytest.mark.parametrize("ending", ["\n", "\r\n"])
+@pytest.mark.parametrize(
+    ("name", "code"),
+    [
+        ("char", "b"),
+        ("uchar", "B"),
+        ("short", "h"),
+        ("ushort", "H"),
+        ("int", "i"),
+        ("uint", "I"),
+        ("int8", "b"),
+        ("uint8", "B"),
+        ("int16", "h"),
+        ("uint16", "H"),
+        ("int32", "i"),
+        ("uint32", "I"),
+    ],
+)
+def test_ply_takes_every_type_of_whole_number(tmp_path, name, code, ending):
+    vertices, triangles = egg(4, 6)
+    header = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n"
+        "property float32 x\nproperty float64 y\nproperty double z\n"
+        f"element extra 3\nproperty {name} odd\n"
+        f"element face {len(triangles)}\nproperty list {name} {name} vertex_indices\nend_header\n"
+    )
+    data = header.replace("\n", ending).encode()
+    data += b"".join(struct.pack("<fdd", *v) for v in vertices) + struct.pack(f"<3{code}", 1, 2, 3)
+    data += b"".join(struct.pack(f"<4{code}", 3, *t) for t in triangles.tolist())
+    path = tmp_path / "a.ply"
+    path.write_bytes(data)
+    mesh = quiet(path)
+    np.testing.assert_allclose(mesh.vertices, vertices, atol=1e-5)
+    np.testing.assert_array_equal(mesh.triangles, triangles)
+
+
+def test_names_that_come_again_are_numbered(tmp_path):
+    vertices, triangles = egg()
+    lines = []
+    for i in range(3):
+        lines += [f"o {'eye' if i else 'head'}", f"g {'eye' if i else 'head'}"]
+        lines += [f"v {x} {y} {z}" for x, y, z in (1 - 0.2 * i) * vertices]
+        lines += ["f {} {} {}".format(*(t + 1 + i * len(vertices))) for t in triangles]
+        lines += ["g", *([] if i else ["f 1 2 14"])]
+    path = tmp_path / "a.obj"
+    path.write_text("\n".join(lines))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MocapFitWarning)
+        mesh = read_mesh(path)
+    # The two eyes are one name and so one object; the nameless triangle is on the head.
+    assert [part.name for part in mesh.parts] == ["head", "eye"]
+    assert _make_unique(["eye", "eye", "head", "eye"]) == ["eye", "eye_2", "head", "eye_3"]
 
 
 V, T = egg()
@@ -327,6 +431,20 @@ BAD = {
         obj_text("ply", "format ascii 1.0", "element vertex 1", "property quad x", "end_header"),
         FileFormatError,
         "line 4",
+    ),
+    "ply text cut off": (
+        "a.ply",
+        lambda p: p.write_text(
+            ply_header("ascii", 3, 2) + "0 0 0 9\n100 0 0 9\n0 100 0 9\n3 0 1 2 0\n"
+        ),
+        FileFormatError,
+        "ends too soon.*expected 3 vertex, 2 face",
+    ),
+    "relative vertex before the first": (
+        "a.obj",
+        obj_text("v 0 0 0", "v 1 0 0", "v 0 1 0", "f -1 -2 -4"),
+        FileFormatError,
+        "vertex -4",
     ),
     "ply with text for a number": (
         "a.ply",

@@ -1,5 +1,7 @@
 """The contract that every rig keeps, and what the built-in rig's gestures do."""
 
+import copy
+import pickle
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from mocap_fit.errors import DataError
 from mocap_fit.face import CompiledRig, Mesh, Rig, load_face, to_parameters
@@ -269,8 +272,62 @@ class TestCompiledRig:
         np.testing.assert_array_equal(vertices, still.rest)
         np.testing.assert_array_equal(slopes, 0)
 
+    def test_turning_is_scipys_rotation_about_the_centre(self) -> None:
+        generator = np.random.default_rng(5)
+        count, parameters = 40, np.array([0.7, -0.4])
+        rest, weights = generator.normal(0, 50, (count, 3)), generator.uniform(0, 1, (2, count))
+        vectors, centres = generator.normal(0, 1, (2, 3)), generator.normal(0, 20, (2, 3))
+        compiled = CompiledRig(
+            np.arange(count),
+            rest,
+            np.full(2, Kind.ROTATION, dtype=np.int64),
+            np.array([0, 1]),
+            weights,
+            vectors,
+            centres,
+            np.zeros((0, count, 3)),
+            2,
+        )
+        expected = rest
+        for vector, centre, weight, value in zip(
+            vectors, centres, weights, parameters, strict=True
+        ):
+            turn = Rotation.from_rotvec(value * weight[:, None] * vector)
+            expected = turn.apply(expected - centre) + centre
+        np.testing.assert_allclose(evaluate(compiled, parameters), expected, rtol=0, atol=1e-12)
 
-class TestParametersFrom:
+    def test_one_parameter_may_drive_several_operations(self) -> None:
+        """Its slope is the sum of theirs, each carried on by what follows."""
+        compiled = self.compiled(
+            self.push, self.grow, (Kind.ROTATION, 1, [0.0, 0, 0.5], [1.0, 2, 3])
+        )
+        values = np.array([0.0, 0.6])
+        vertices, slopes = evaluate_jacobian(compiled, values)
+        step = np.array([0.0, 1e-6])
+        change = (evaluate(compiled, values + step) - evaluate(compiled, values - step)) / 2e-6
+        np.testing.assert_allclose(vertices, evaluate(compiled, values), atol=1e-12)
+        np.testing.assert_allclose(slopes[:, :, 1], change, atol=1e-7)
+        assert (slopes[:, :, 0] == 0).all()
+
+    def test_it_prints_in_a_line_and_can_be_copied(self) -> None:
+        compiled = self.compiled(self.turn, self.grow)
+        assert repr(compiled) == "CompiledRig(2 parameters, 2 operations, 1 vertices)"
+        for other in (copy.deepcopy(compiled), pickle.loads(pickle.dumps(compiled))):
+            np.testing.assert_array_equal(
+                evaluate(other, np.full(2, 0.3)), evaluate(compiled, np.full(2, 0.3))
+            )
+
+
+def test_a_face_prints_in_a_line_and_can_be_copied(rig: Rig) -> None:
+    assert repr(rig) == "ParkeRig(10 parameters, 11 transforms, 10999 vertices)"
+    values = np.linspace(-0.3, 0.8, 10)
+    for other in (copy.deepcopy(rig), pickle.loads(pickle.dumps(rig))):
+        assert repr(other.mesh) == repr(rig.mesh)
+        np.testing.assert_array_equal(other.deform(values), rig.deform(values))
+        np.testing.assert_array_equal(other.bounds, rig.bounds)
+
+
+class TestToParameters:
     def test_names_in_any_order_and_zero_for_the_rest(self) -> None:
         values = to_parameters({"jaw_shift": 1, "lip_rounding": 0.5}, NAMES)
         assert values.tolist() == [0, 0.5, 0, 0, 0, 0, 0, 0, 0, 1]

@@ -14,7 +14,7 @@ from mocap_fit.face import rig_file as rig_file_module
 from mocap_fit.face.builtin import load_built_in_head
 from mocap_fit.face.parke import ParkeRig
 from mocap_fit.face.rig_file import list_shipped_rigs, read_rig_file
-from mocap_fit.face.rig_tables import Point, compute_surface_distance
+from mocap_fit.face.rig_tables import Constraint, Point, compute_surface_distance
 
 FACES = Path(__file__).parents[2] / "fixtures" / "faces"
 
@@ -502,6 +502,93 @@ class TestWhatIsTaken:
         assert slopes[above].max() == 0
         assert slopes[below].min() > 0
 
+    @pytest.mark.parametrize(("share", "accepted"), [(0.098, True), (0.102, False)])
+    def test_a_position_may_be_a_tenth_of_the_mesh_off_it(
+        self, share: float, accepted: bool, tmp_path: Path
+    ) -> None:
+        mesh = load_face(FACES / "mask.toml").mesh
+        front = int(mesh.vertices[:, 2].argmax())
+        z = mesh.vertices[front, 2] + share * np.ptp(mesh.vertices, axis=0).max()
+        text = MASK.replace("[-24, 0, 83]", "70") + ""
+        text = text.replace("2.1 = 385", f"2.1 = 385\n9.3 = [0, {mesh.vertices[front, 1]}, {z}]")
+        path = written(tmp_path, text)
+        if accepted:
+            assert load_face(path).mesh.get_feature_point("9.3") == front
+        else:
+            with pytest.raises(ConfigurationError, match="not on the mesh"):
+                load_face(path)
+
+    @pytest.mark.parametrize(("factor", "accepted"), [(0.26, True), (0.24, False)])
+    def test_the_flattest_lower_face_is_a_quarter_as_high(
+        self, factor: float, accepted: bool
+    ) -> None:
+        mesh, rig_file = load_built_in_head(), read_rig_file("parke")
+        # The head's proportions are the rig file's.
+        flat = mesh.replace_vertices(mesh.vertices * [1.0, factor, 1.0])
+        if accepted:
+            assert rig_file.compute_scales(flat)[1] == pytest.approx(factor, rel=0.01)
+        else:
+            with pytest.raises(ConfigurationError, match=r"2\.1, is not well below"):
+                rig_file.compute_scales(flat)
+
+    @pytest.mark.parametrize(
+        ("left", "right", "says"),
+        [
+            ([0.4, 0, 0], [-0.4, 0, 0], "not a mouth's width apart .*found 0.8 mm"),
+            ([0.6, 0, 0], [-0.6, 0, 0], None),
+            ([499.0, 0, 0], [-499, 0, 0], None),
+            ([501.0, 0, 0], [-501, 0, 0], "not a mouth's width apart"),
+            # 46 degrees and 44 degrees from the x axis; 0.7 is the cosine of 45.6.
+            ([18.0, 18.2, 0], [-18, -18.2, 0], None),
+            ([17.0, 18.2, 0], [-17, -18.2, 0], "8.3 is not to the left of 8.4"),
+            ([-24.0, 0, 0], [24, 0, 0], "8.3 is not to the left of 8.4"),
+        ],
+    )
+    def test_the_corners_of_a_mouth(
+        self, left: list[float], right: list[float], says: str | None
+    ) -> None:
+        mesh = Mesh(
+            np.array([left, right, [0.0, 9, 0]]),
+            np.array([[0, 1, 2]]),
+            feature_points={"8.3": 0, "8.4": 1},
+        )
+        rig_file = read_rig_file("parke")
+        if says is None:
+            width = np.linalg.norm(np.subtract(left, right))
+            np.testing.assert_allclose(rig_file.compute_scales(mesh), width / 50)
+        else:
+            with pytest.raises(ConfigurationError, match=says):
+                rig_file.compute_scales(mesh)
+
+    def test_behind_is_what_has_a_lower_z(self) -> None:
+        mesh = load_face(FACES / "mask.toml").mesh
+        for axis, name, sign in ((2, "behind", -1), (1, "below", -1), (1, "above", 1)):
+            constraint = Constraint.model_validate({"value": 1, name: "8.3"})
+            members = constraint.find_vertices(mesh, 1.0, {})
+            expected = np.flatnonzero(sign * (mesh.vertices[:, axis] - mesh.vertices[56, axis]) > 0)
+            np.testing.assert_array_equal(members, expected)
+            assert 56 not in members
+
+    def test_points_that_refer_to_points_are_refused(self, tmp_path: Path) -> None:
+        text = (
+            PLANE.replace("centre = [0, 10, 20]", 'centre = "a"') + '\n[points]\na = "b"\nb = "a"\n'
+        )
+        with pytest.raises(ConfigurationError, match=r"lacks .*feature point b \(for points\.a\)"):
+            load_face(written(tmp_path, text))
+
+    def test_a_rig_file_prints_in_a_line(self) -> None:
+        assert repr(read_rig_file("parke")) == (
+            "RigFile(kind='parke', mesh=None, 10 parameters, 8 weights, 11 transforms)"
+        )
+
+    def test_a_vertex_in_two_constraints_takes_the_mean(self, tmp_path: Path) -> None:
+        text = PLANE.replace(
+            VALUES, VALUES[:-1] + ', { value = 0.5, feature_points = ["8.3", "8.4"] }]'
+        ).replace('multiply = "1 - all"\n', "")
+        rig = load_face(written(tmp_path, text))
+        assert isinstance(rig, ParkeRig)
+        assert rig._compiled.weights[0, [56, 70]].tolist() == [0.75, 0.25]
+
 
 def named(mesh: Mesh) -> Mesh:
     """The mask's mesh with the ears that the shipped rig looks for, on its edge."""
@@ -512,6 +599,18 @@ def named(mesh: Mesh) -> Mesh:
         mesh.regions,
         {**mesh.feature_points, "10.7": 420, "10.8": 434, "10.9": 421, "10.10": 433},
     )
+
+
+def test_distance_along_a_grid_is_that_of_its_edges() -> None:
+    """Squares of 2 mm cut along one diagonal: (2, 2) is reached by diagonals of √8 mm."""
+    x, y = np.meshgrid(np.arange(4.0), np.arange(3.0))
+    vertices = np.stack([2 * x, 2 * y, 0 * x], axis=2).reshape(-1, 3)
+    squares = [4 * row + column for row in range(2) for column in range(3)]
+    triangles = [t for a in squares for t in ([a, a + 1, a + 5], [a, a + 5, a + 4])]
+    distance = compute_surface_distance(Mesh(vertices, np.array(triangles)), 0)
+    root = 8**0.5
+    expected = [[0, 2, 4, 6], [2, root, 2 + root, 4 + root], [4, 2 + root, 2 * root, 2 + 2 * root]]
+    np.testing.assert_allclose(distance.reshape(3, 4), expected)
 
 
 def test_distance_along_the_surface_goes_round_the_mouth() -> None:

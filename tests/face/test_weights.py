@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial import Delaunay
 
 from mocap_fit.face import Rig, load_face
-from mocap_fit.face.weights import BendingEnergy, compute_falloff
+from mocap_fit.face.weights import BendingEnergy, _compute_laplacian, compute_falloff
 
 
 def sheet(columns: int = 21, rows: int = 11, size: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
@@ -43,7 +44,8 @@ class TestFalloff:
         points = np.array([[0.0, 0, 0], [2, 0, 0], [3.99, 0, 0], [4.5, 0, 0]])
         weights = compute_falloff(points, np.zeros(3), np.full(3, 10.0), plateau=0.4)
         assert weights[:3].tolist() == [1, 1, 1]
-        assert 0.9 < weights[3] < 1
+        # A smoothstep of (1 - 0.45) / (1 - 0.4) = 11/12.
+        assert weights[3] == pytest.approx((11 / 12) ** 2 * (3 - 2 * 11 / 12), rel=1e-12)
 
     @given(
         st.lists(st.floats(-30, 30), min_size=3, max_size=3),
@@ -62,7 +64,70 @@ class TestFalloff:
         assert ((weights >= 0) & (weights <= 1)).all()
 
 
+class TestLaplacian:
+    def test_the_weight_of_an_edge_is_half_the_sum_of_its_cotangents(self) -> None:
+        """Pinkall and Polthier (1993): two equilateral triangles on an edge, cot 60° each."""
+        vertices = np.array(
+            [[0.0, 0, 0], [3, 0, 0], [1.5, 1.5 * 3**0.5, 0], [1.5, -1.5 * 3**0.5, 0]]
+        )
+        laplacian, areas = _compute_laplacian(vertices, np.array([[0, 1, 2], [0, 3, 1]]))
+        half = 0.5 / 3**0.5
+        expected = -half * np.array(
+            [[-4, 2, 1, 1], [2, -4, 1, 1], [1, 1, -2, 0], [1, 1, 0, -2]], dtype=float
+        )
+        np.testing.assert_allclose(laplacian.toarray(), expected, atol=1e-12)
+        # A third of the triangles round each vertex; a triangle has √3/4 · 9 mm².
+        third = 9 * 3**0.5 / 12
+        np.testing.assert_allclose(areas, [2 * third, 2 * third, third, third])
+
+    def test_flat_angles_count_at_least_0_05_and_sharp_ones_at_most_20(self) -> None:
+        vertices = np.array([[0.0, 0, 0], [10, 0, 0], [5, 0.1, 0]])
+        laplacian, _ = _compute_laplacian(vertices, np.array([[0, 1, 2]]))
+        assert -laplacian[0, 1] == pytest.approx(0.025)
+        assert -laplacian[0, 2] == pytest.approx(10)
+
+    def test_vertices_of_no_triangle_have_the_least_area(self) -> None:
+        vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [9, 9, 9], [0, 4, 0]])
+        _, areas = _compute_laplacian(vertices, np.array([[0, 1, 2], [1, 4, 2]]))
+        assert areas[3] == areas.min() == pytest.approx(1 / 6)
+        assert areas.sum() - areas[3] == pytest.approx(0.5 + 1.5)
+
+
 class TestInterpolated:
+    def test_a_straight_ramp_is_the_field_of_least_energy(self) -> None:
+        """A linear field has no Laplacian, on any triangulation of the plane: nothing is less."""
+        # Nearly equilateral triangles: away from the border, no cotangent is clipped.
+        row, column = np.divmod(np.arange(9 * 13), 13)
+        vertices = np.stack([column + 0.5 * (row % 2), row * 0.75**0.5, 0.0 * row], axis=1)
+        vertices[:, :2] += np.random.default_rng(8).uniform(-0.1, 0.1, (len(vertices), 2))
+        triangles = Delaunay(vertices[:, :2]).simplices.astype(np.int64)
+        inner = (row > 1) & (row < 7) & (column > 1) & (column < 11)
+        ramp = 0.5 + vertices[:, 0] / 60 + vertices[:, 1] / 90
+        laplacian, _ = _compute_laplacian(vertices, triangles)
+        np.testing.assert_allclose((laplacian @ ramp)[inner], 0, atol=1e-12)
+        known = np.flatnonzero(~inner)
+        field = interpolate(vertices, triangles, known, ramp[known])
+        np.testing.assert_allclose(field, ramp, atol=1e-9)
+
+    def test_the_energy_is_the_least_there_is(self) -> None:
+        """Against a dense minimisation of Σ (Lu)² / area by least squares."""
+        vertices, triangles = sheet(9, 6)
+        known, values = np.array([0, 8, 30, 53]), np.array([0.3, 0.6, 0.5, 0.4])
+        laplacian, areas = _compute_laplacian(vertices, triangles)
+        weighted = laplacian.toarray() / np.sqrt(areas)[:, None]
+        free = np.setdiff1d(np.arange(len(vertices)), known)
+        best, *_ = np.linalg.lstsq(weighted[:, free], -weighted[:, known] @ values, rcond=None)
+        field = interpolate(vertices, triangles, known, values)
+        assert 0 < best.min() < best.max() < 1
+        np.testing.assert_allclose(field[free], best, atol=1e-8)
+
+    def test_what_runs_over_is_clipped(self) -> None:
+        vertices, triangles = sheet(9, 6)
+        field = interpolate(vertices, triangles, np.array([0, 1, 2]), np.array([0.2, 0.6, 1.0]))
+        assert field.max() == 1
+        field = interpolate(vertices, triangles, np.array([0, 1, 2]), np.array([0.8, 0.4, 0.0]))
+        assert field.min() == 0
+
     def test_it_takes_the_values_it_is_given(self, rng: np.random.Generator) -> None:
         vertices, triangles = sheet()
         known = rng.choice(len(vertices), 20, replace=False)
