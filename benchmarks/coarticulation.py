@@ -87,7 +87,7 @@ class Problem:
         self.centres = [0.5 * (each.starts + each.ends) for each in self.phones]
         self.is_vowel = np.array([self.phone_set.is_vowel(symbol) for symbol in self.symbols])
         seen = np.ones(len(self.symbols), dtype=bool)
-        hold = control.create("ohman").settings["hold"]
+        hold = control.create("ohman").get_params()["hold"]
         pairs = [
             blends(p, peaks(each, hold), self.times, self.is_vowel, seen)
             for p, each in zip(self.positions, self.phones, strict=True)
@@ -96,7 +96,7 @@ class Problem:
         self.consonants = np.concatenate([pair.consonants.toarray() for pair in pairs])
         # Tenths of a second, as `cohen-massaro` trains.
         self.frames = [
-            dominance.Frames.of(p, 10.0 * c, 10.0 * self.times)
+            dominance.Frames.from_segments(p, 10.0 * c, 10.0 * self.times)
             for p, c in zip(self.positions, self.centres, strict=True)
         ]
 
@@ -129,7 +129,9 @@ def cohen_massaro(problem: Problem, most: int) -> dict[str, Any]:
     def make(rng: np.random.Generator) -> FloatArray:
         spreads = np.array([0.3, 0.5, 0.4, 0.4, 0.2])
         free = rng.standard_normal((phones, 5)) * spreads + np.array([0.0, 0.0, 0.3, 0.3, 0.1])
-        return np.concatenate([dominance.trajectory(free, frames) for frames in problem.frames])
+        return np.concatenate(
+            [dominance.compute_trajectory(free, frames) for frames in problem.frames]
+        )
 
     corpus = problem.corpus(make)
     start = np.concatenate(
@@ -143,7 +145,7 @@ def cohen_massaro(problem: Problem, most: int) -> dict[str, Any]:
     for number, frames in enumerate(problem.frames):
         rows = np.arange(FRAMES)[:, None]
         segments = frames.phones[frames.segments()]
-        part = dominance.weights(start, frames)
+        part = dominance.compute_shares(start, frames)
         np.add.at(shares[number * FRAMES : (number + 1) * FRAMES], (rows, segments), part)
         before = np.arange(frames.logarithms.shape[1]) < frames.left[:, None]
         prepared.append((segments, before, frames.logarithms))
@@ -220,14 +222,14 @@ def ohman(problem: Problem, most: int) -> dict[str, Any]:
 def trained(name: str, corpus: Corpus) -> dict[str, Any]:
     """Our training: by parameter, the errors after each iteration and the time that each took."""
     # Compiled functions are compiled before, or found in their cache.
-    control.create(name, iterations=1).fit(corpus.select([corpus.utterances[0].id]))
+    control.create(name, max_iter=1).fit(corpus.select([corpus.utterances[0].id]))
     curves: dict[str, list[tuple[float, float]]] = {}
     begin = time.thread_time()
 
     def keep(entry: control.LogEntry) -> None:
         curves.setdefault(entry.part, []).append((time.thread_time() - begin, entry.training_error))
 
-    model = control.create(name, prior=0.0, tolerance=1e-6)
+    model = control.create(name, l2=0.0, tol=1e-6)
     model.fit(corpus, progress=keep)
     # Of each parameter, the time until its error was within the limit; then the next one began.
     seconds, last = 0.0, 0.0

@@ -32,7 +32,7 @@ from collections.abc import Callable
 import numpy as np
 
 from mocap_fit import control
-from mocap_fit.control.networks.recurrent import Weights, drawn_weights, errors_and_gradient
+from mocap_fit.control.networks.recurrent import Weights, compute_errors_and_gradient, draw_weights
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.phones import ARTICULATORY_PARAMETERS, PhoneSegment, PhoneSequence, load_phone_set
 from mocap_fit.tracks import ParameterTracks
@@ -65,7 +65,7 @@ def ours(stacks: list[Weights], seen: np.ndarray, targets: list[np.ndarray]):
     """Loss and gradients as `mocap_fit` computes them."""
     loss, gradients = 0.0, []
     for weights, wanted in zip(stacks, targets, strict=True):
-        squares, gradient = errors_and_gradient(weights, seen, wanted, np.ones_like(wanted))
+        squares, gradient = compute_errors_and_gradient(weights, seen, wanted, np.ones_like(wanted))
         loss += float(squares.sum()) / wanted[0].size
         gradients.append(gradient)
     return loss, gradients
@@ -150,7 +150,7 @@ def measure_training(quick: bool) -> dict[str, dict[str, float] | None]:
     """Seconds an epoch, loss and ratio of every method."""
     rng = np.random.default_rng(SEED)
     stacks = [
-        drawn_weights(2, CONTEXT * INPUTS, hidden, outputs, DELAYS, rng).map(
+        draw_weights(2, CONTEXT * INPUTS, hidden, outputs, DELAYS, rng).map(
             lambda array: array.astype(np.float32)
         )
         for hidden, outputs in SIZES
@@ -197,7 +197,7 @@ def measure_live(quick: bool) -> dict[str, float]:
         at += length
     phones = PhoneSequence(tuple(segments), phone_set="sv-sta", name="live")
     tracks = ParameterTracks(ARTICULATORY_PARAMETERS, 60.0, rng.normal(size=(120, 10)), name="a")
-    model = control.create("ann-low-latency", epochs=0)
+    model = control.create("ann-low-latency", max_iter=0)
     model.fit(Corpus.from_utterances([Utterance.from_tracks(tracks, phones)], chosen))
     stream = model.stream(60.0)
     frames, times = 0, []

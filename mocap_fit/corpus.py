@@ -315,7 +315,7 @@ def open_corpus(path: str | os.PathLike[str]) -> Corpus:
     >>> from mocap_fit.control.rule_based import RuleBased
     >>> from mocap_fit.corpus import Corpus, Utterance, save_corpus
     >>> phones = mf.read_phones(mf.load_sample("take_01.TextGrid"), phone_set="sv-sta")
-    >>> tracks = mf.synthesise(phones, RuleBased().ready("sv-sta")).replace(name="take_01")
+    >>> tracks = mf.synthesise(phones, RuleBased().prepare("sv-sta")).replace(name="take_01")
     >>> save_corpus(Corpus.from_utterances([Utterance.from_tracks(tracks, phones)], "sv-sta"), "sv")
     >>> corpus = mf.open_corpus("sv")
     >>> corpus

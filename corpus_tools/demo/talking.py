@@ -30,8 +30,8 @@ MODELS: dict[str, dict[str, Any]] = {
     "ridge": {},
     "cohen-massaro": {},
     "ohman": {},
-    "ann": {"epochs": EPOCHS},
-    "ann-low-latency": {"epochs": EPOCHS},
+    "ann": {"max_iter": EPOCHS},
+    "ann-low-latency": {"max_iter": EPOCHS},
     "cart": {},
 }
 _HEADS = 400
@@ -144,7 +144,7 @@ def _trained(corpus: Corpus, folder: Path, epochs: int) -> Iterator[ControlModel
     folder.mkdir()
     with console.progress("training models", len(MODELS)) as advance:
         for name, settings in MODELS.items():
-            given = {**settings, **({"epochs": epochs} if "epochs" in settings else {})}
+            given = {**settings, **({"max_iter": epochs} if "max_iter" in settings else {})}
             model = control.create(name, **given).fit(training, held_out)
             model.trained_on_["corpus"] = "demo"
             model.save(folder / f"{name}.model")

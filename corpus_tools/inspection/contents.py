@@ -223,7 +223,7 @@ def _model(path: str | os.PathLike[str]) -> dict[str, Any]:
         "file": os.fspath(path),
         "content": "model",
         "model": model.name,
-        "settings": model.settings,
+        "settings": model.get_params(),
         "parameters": list(model.parameter_names_),
         "phone_set": model.phone_set_.name,
         "rate": model.rate_,

@@ -191,7 +191,7 @@ def scored(corpus: Corpus, models: Mapping[str, ControlModel]) -> Evaluation:
     from mocap_fit.control.rule_based import RuleBased
     from mocap_fit.evaluation import evaluate
 
-    rules = RuleBased().ready(corpus.phone_set, corpus.parameter_names)
+    rules = RuleBased().prepare(corpus.phone_set, corpus.parameter_names)
     test = corpus.get_split("test")
     with console.progress("scoring sentences", len(test)) as advance:
         return evaluate(test, {RULE_BASED: rules, **models}, resamples=200, progress=advance)
@@ -218,7 +218,7 @@ def model_for(
         from mocap_fit.control.rule_based import RuleBased
 
         names = [p for p in _articulatory() if p in parameter_names]
-        return RuleBased().ready(phone_set, names or parameter_names)
+        return RuleBased().prepare(phone_set, names or parameter_names)
     path = Path(name)
     if name in control.names() and not path.is_file():
         return prepared(name, language)

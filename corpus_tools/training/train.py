@@ -104,7 +104,7 @@ def sweep(
         Print the errors as JSON.
     """
     from mocap_fit.control.networks import LowLatencyNetworks
-    from mocap_fit.control.networks.look_ahead_sweep import look_ahead_sweep
+    from mocap_fit.control.networks.look_ahead_sweep import sweep_look_ahead
     from mocap_fit.drawing import save_figure
     from mocap_fit.evaluation.figures import look_ahead_figure
 
@@ -114,7 +114,7 @@ def sweep(
     make_folder(out)
     checkpoint = out / "look_ahead.checkpoint"
     with training_progress("training networks") as told:
-        points = look_ahead_sweep(
+        points = sweep_look_ahead(
             training, held_out, settings=model, progress=told, checkpoint=checkpoint
         )
     rows = [point._asdict() for point in points]
@@ -214,7 +214,7 @@ def _report(
         "model": model.name,
         "title": model.title,
         "file": out,
-        "settings": model.settings,
+        "settings": model.get_params(),
         "protocol": protocol,
         "free_parameters": model.parameter_count,
         "look_ahead_s": model.look_ahead,

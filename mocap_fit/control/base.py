@@ -1,18 +1,19 @@
-"""The control models' one base class: phones in, face parameters out.
+"""The base class of the control models: phones in, face parameters out.
 
 A model is a dataclass whose fields are its settings; its constructor only stores them. `fit` learns
-from a corpus, and what it learned is in attributes that end in ``_``. To write one, subclass
-`ControlModel`, give the methods that begin with one underscore, and register the class as an
-entry point of the group ``mocap_fit.control_models``.
+from a corpus, and learned attributes end in ``_``. To write a model, subclass `ControlModel`,
+implement the methods that begin with one underscore, and register the class as an entry point of
+the group ``mocap_fit.control_models``.
 """
 
 from __future__ import annotations
 
 import abc
+import contextlib
 import dataclasses
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -20,14 +21,33 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from mocap_fit.control.model_file import read_model_file, write_model_file
+from mocap_fit.control.settings import (
+    check_settings,
+    describe_settings,
+    get_settings,
+    to_json,
+    to_settings,
+)
+from mocap_fit.control.single_thread import limit_to_one_thread
 from mocap_fit.control.streaming import Stream, WindowStream
 from mocap_fit.corpus import Corpus
-from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
+from mocap_fit.errors import (
+    ConfigurationError,
+    DataError,
+    FileFormatError,
+    MocapFitError,
+    RegistryError,
+)
 from mocap_fit.phones import PhoneSequence, PhoneSet
 from mocap_fit.registry import Registry
 from mocap_fit.tracks import FloatArray, ParameterTracks
 
 CONTROL_MODELS = Registry("mocap_fit.control_models", "control model")
+# What the content of a damaged file raises.
+_DAMAGE = (KeyError, TypeError, ValueError, AttributeError, IndexError)
+
+#: Arrays of a trained model, by name.
+Arrays = Mapping[str, np.ndarray[Any, Any]]
 
 
 @dataclass(frozen=True)
@@ -37,14 +57,14 @@ class LogEntry:
     Parameters
     ----------
     iteration
-        From 0, before anything was learned.
+        Number of iterations that were done; 0 before anything was learned.
     training_error
-        Root mean square error over the frames that are trained on, all parameters, in the unit of
-        the parameters (eq. 4 of Beskow, divided by the number of values, and its root).
+        Root mean square error over the training frames and all parameters, in the unit of the
+        parameters (the root of eq. 4 of Beskow divided by the number of values).
     validation_error
         The same over the validation part; None where there is none.
     part
-        What was trained, such as a parameter or a network; empty for the whole model.
+        What was trained, such as a parameter or a network; empty for the complete model.
     """
 
     iteration: int
@@ -57,26 +77,26 @@ Progress = Callable[[LogEntry], object]
 
 
 class ControlModel(abc.ABC):
-    """Phones in, parameter tracks out.
+    """A model that predicts parameter tracks from phones.
 
     Attributes
     ----------
     parameter_names_
         The face parameters, in the order of the corpus.
     phone_set_
-        What the phones of the corpus are written in; phones of another set are refused.
+        The phone set of the corpus; phones of another set are refused.
     rate_
         Frames per second of the corpus, hertz.
     trained_on_
-        What it was trained on: ``language``, ``phone_set``, ``utterances``, ``frames``,
+        What it was trained on: ``language``, ``phone_set``, ``utterances``,
         ``validation_utterances``, and what a caller adds, such as ``corpus``.
     log_
-        The training log, `LogEntry` each.
+        The training log, one `LogEntry` for each iteration.
     """
 
     #: The name it is registered under.
     name: ClassVar[str]
-    #: What people call it, for tables and figures.
+    #: Its name in tables and figures.
     title: ClassVar[str]
 
     parameter_names_: tuple[str, ...]
@@ -85,7 +105,7 @@ class ControlModel(abc.ABC):
     trained_on_: dict[str, Any]
     log_: tuple[LogEntry, ...]
 
-    # -- what a model gives --------------------------------------------------------------------
+    # -- what a model implements ---------------------------------------------------------------
 
     @abc.abstractmethod
     def _fit(
@@ -95,57 +115,91 @@ class ControlModel(abc.ABC):
         progress: Progress,
         checkpoint: Path | None,
     ) -> None:
-        """Learn. The attributes above are set already; call ``progress`` once an iteration.
+        """Learn from a corpus; the settings are checked and the attributes above are set.
 
-        Frames with a missing value of a parameter do not count for that parameter. A model whose
-        training is long writes ``checkpoint`` now and then, and goes on from one that fits.
+        Call ``progress`` once an iteration. Frames with a missing value of a parameter do not
+        count for that parameter. A model with a long training writes ``checkpoint`` regularly and
+        resumes from one that fits.
         """
 
     @abc.abstractmethod
     def _predict(self, phones: PhoneSequence, times: FloatArray) -> FloatArray:
-        """Parameters `(times, parameters)` at any times `(times,)`, in seconds, ascending.
+        """Return parameters ``(times, parameters)`` at ascending times ``(times,)`` in seconds.
 
-        The phones are of the model's own set, one at least. Before the first and after the last
-        of them is silence, or what the model makes of it, never NaN.
+        The phones are of the model's set, at least one. Parameters are never NaN, not even before
+        the first phone and after the last.
         """
 
     @property
     @abc.abstractmethod
     def parameter_count(self) -> int:
-        """How many free parameters were learned."""
+        """Number of free parameters that are learned."""
 
     @property
     def look_ahead(self) -> float:
-        """How far beyond a frame phones must be known, seconds; infinite: to the end of all."""
+        """How far beyond a frame phones must be known, seconds; infinite: to the last phone."""
         return math.inf
 
     @property
     def look_back(self) -> float:
-        """How far before a frame phones matter, seconds."""
+        """How far before a frame phones matter, seconds; infinite: from the first phone."""
         return math.inf
 
     @abc.abstractmethod
     def _state(self) -> tuple[dict[str, Any], dict[str, np.ndarray[Any, Any]]]:
-        """What was learned: values that JSON can hold, and arrays of numbers by name."""
+        """Return what was learned: values that JSON can hold, and arrays of numbers by name."""
 
     @abc.abstractmethod
-    def _restore(
-        self, values: Mapping[str, Any], arrays: Mapping[str, np.ndarray[Any, Any]]
-    ) -> None:
-        """Take back what `_state` gave."""
+    def _restore(self, values: Mapping[str, Any], arrays: Arrays) -> None:
+        """Set the learned attributes from what `_state` returned; the attributes above are set."""
 
     # -- what every model has ------------------------------------------------------------------
 
-    @property
-    def settings(self) -> dict[str, Any]:
-        """The constructor's arguments."""
-        assert dataclasses.is_dataclass(self), "a control model is a dataclass of its settings"
-        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """Return the settings of the model, as scikit-learn's estimators do.
+
+        Parameters
+        ----------
+        deep
+            No effect: no setting is a model itself.
+
+        Returns
+        -------
+        dict[str, Any]
+            The constructor's arguments by name.
+        """
+        return get_settings(self)
 
     @property
     def is_fitted(self) -> bool:
-        """Whether it has learned, or needs not to."""
+        """Whether the model is ready to predict."""
         return hasattr(self, "parameter_names_")
+
+    def __repr__(self) -> str:
+        text = describe_settings(self)
+        if self.is_fitted:
+            count = self.trained_on_.get("utterances")
+            text += f", trained on {count} utterances" if count else f", for {self.phone_set_.name}"
+        return text
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both are of one class and have the same settings and learned the same."""
+        if type(other) is not type(self):
+            return NotImplemented
+        if not (self.is_fitted and other.is_fitted):
+            return self.is_fitted == other.is_fitted and self.get_params() == other.get_params()
+        header, arrays = self._to_file()
+        other_header, other_arrays = other._to_file()
+        return (
+            header == other_header
+            and arrays.keys() == other_arrays.keys()
+            and all(
+                np.array_equal(array, other_arrays[key], equal_nan=array.dtype.kind == "f")
+                for key, array in arrays.items()
+            )
+        )
+
+    __hash__ = None  # type: ignore[assignment]  # Models change when they are fitted.
 
     def fit(
         self,
@@ -155,31 +209,39 @@ class ControlModel(abc.ABC):
         progress: Progress | None = None,
         checkpoint: str | os.PathLike[str] | None = None,
     ) -> Self:
-        """Learn from a corpus.
+        """Learn from a corpus, on one thread of linear algebra.
+
+        The result does not depend on the number of cores. After an error the model is what it was
+        before.
 
         Parameters
         ----------
         corpus
             The training part.
         validation
-            Utterances whose error tells when to stop (Beskow section 4.1); without them training
-            ends when its own error does not fall any more.
+            Utterances whose error decides when to stop (Beskow section 4.1); without them training
+            ends when the training error falls no more.
         progress
-            Called with a `LogEntry` an iteration.
+            Called with a `LogEntry` for every iteration.
         checkpoint
-            A file in which a long training keeps how far it is; one that is there and fits is
-            gone on from.
+            A file in which a long training stores its state; training resumes from one that
+            exists and fits.
 
         Returns
         -------
         ControlModel
-            Itself.
+            The model itself.
 
         Raises
         ------
+        ConfigurationError
+            If a setting has another type than it should, or is out of range.
         DataError
-            If the corpus is empty, or the validation part is of another kind.
+            If the corpus is empty, or differs from the validation part in phone set or parameters.
+        RegistryError
+            If the model is a plug-in that raises an error that is not a `MocapFitError`.
         """
+        check_settings(type(self), get_settings(self))
         if not len(corpus):
             raise DataError("the corpus has no utterance to train on")
         if validation is not None and (
@@ -187,33 +249,38 @@ class ControlModel(abc.ABC):
             or validation.phone_set.name != corpus.phone_set.name
         ):
             raise DataError(
-                "the validation part is not like the training part",
+                "the validation part differs from the training part",
                 found=f"{validation.phone_set.name}, {', '.join(validation.parameter_names)}",
                 expected=f"{corpus.phone_set.name}, {', '.join(corpus.parameter_names)}",
             )
         before = dict(vars(self))
         self.parameter_names_ = corpus.parameter_names
         self.phone_set_ = corpus.phone_set
-        first = corpus.utterances[0].read_tracks()
-        self.rate_ = corpus.rate if corpus.rate is not None else first.rate
+        self.rate_ = corpus.utterances[0].read_tracks().rate if corpus.rate is None else corpus.rate
         self.trained_on_ = {
             "language": corpus.language,
             "phone_set": corpus.phone_set.name,
             "utterances": len(corpus),
             "validation_utterances": 0 if validation is None else len(validation),
         }
+        self.log_ = ()
         entries: list[LogEntry] = []
+        errors_of_caller: list[Exception] = []
 
-        def keep(entry: LogEntry) -> None:
+        def log(entry: LogEntry) -> None:
             entries.append(entry)
             if progress is not None:
-                progress(entry)
+                try:
+                    progress(entry)
+                except Exception as error:
+                    errors_of_caller.append(error)
+                    raise
 
-        self.log_ = ()
+        path = None if checkpoint is None else Path(checkpoint)
         try:
-            self._fit(corpus, validation, keep, None if checkpoint is None else Path(checkpoint))
+            with self._guard(errors_of_caller), limit_to_one_thread():
+                self._fit(corpus, validation, log, path)
         except BaseException:
-            # Half trained is not trained: it stays what it was.
             vars(self).clear()
             vars(self).update(before)
             raise
@@ -221,28 +288,38 @@ class ControlModel(abc.ABC):
         return self
 
     def predict_at(self, phones: PhoneSequence, times: FloatArray) -> FloatArray:
-        """Face parameters at any times.
+        """Return face parameters at any times.
 
         Parameters
         ----------
         phones
-            Of an utterance, in the model's phone set.
+            Phones of an utterance, in the model's phone set.
         times
-            `(times,)`, seconds on the clock of the phones, ascending.
+            Times ``(times,)`` on the clock of the phones, seconds, ascending.
 
         Returns
         -------
         FloatArray
-            `(times, parameters)`.
+            Parameters, ``(times, parameters)``, no unit: 0 at rest, 1 the full gesture.
 
         Raises
         ------
         DataError
             If the model is not trained, there are no phones, or they are of another set.
+        RegistryError
+            If the model is a plug-in that raises an error that is not a `MocapFitError`.
         """
         self._check_fitted()
         self._check_phones(phones)
-        return self._predict(phones, np.asarray(times, dtype=np.float64))
+        times = np.asarray(times, dtype=np.float64)
+        with self._guard(), limit_to_one_thread():
+            values = np.asarray(self._predict(phones, times), dtype=np.float64)
+            if values.shape != (len(times), len(self.parameter_names_)):
+                raise ValueError(
+                    f"{values.shape} values for {len(times)} times "
+                    f"and {len(self.parameter_names_)} parameters"
+                )
+        return values
 
     def predict(
         self,
@@ -252,33 +329,41 @@ class ControlModel(abc.ABC):
         start_time: float | None = None,
         frames: int | None = None,
     ) -> ParameterTracks:
-        """Face parameters of an utterance.
+        """Return the parameter tracks of an utterance.
 
         Parameters
         ----------
         phones
-            The utterance, in the model's phone set.
+            Phones of the utterance, in the model's phone set.
         rate
-            Frames per second; those of the training corpus where not given.
+            Frames per second, hertz; that of the training corpus by default.
         start_time
-            Of the first frame, seconds; the start of the first phone where not given.
+            Time of the first frame, seconds; the start of the first phone by default.
         frames
-            How many; all that begin before the last phone ends where not given.
+            Number of frames; all that begin before the end of the last phone by default.
+
+        Returns
+        -------
+        ParameterTracks
+            The predicted tracks.
 
         Raises
         ------
         DataError
-            If the model is not trained, there are no phones, or they are of another set.
+            If the model is not trained, there are no phones, they are of another set, or the rate
+            is not positive.
+        RegistryError
+            If the model is a plug-in that raises an error that is not a `MocapFitError`.
         """
         self._check_fitted()
         self._check_phones(phones)
         rate = self.rate_ if rate is None else rate
         if not math.isfinite(rate) or rate <= 0:
-            raise DataError("the frame rate is not possible", found=f"{rate} Hz")
+            raise DataError("the frame rate must be positive", found=f"{rate} Hz")
         start = phones[0].start if start_time is None else start_time
         if frames is None:
             frames = max(0, math.ceil((phones[-1].end - start) * rate - 1e-6))
-        values = self._predict(phones, start + np.arange(frames) / rate)
+        values = self.predict_at(phones, start + np.arange(frames) / rate)
         tracks = ParameterTracks(
             self.parameter_names_,
             rate,
@@ -287,39 +372,66 @@ class ControlModel(abc.ABC):
             name=phones.name,
             provenance=phones.provenance,
         )
-        return tracks.with_step("predict", {"model": self.name, "settings": _plain(self.settings)})
+        settings = to_json(self.get_params())
+        return tracks.with_step("predict", {"model": self.name, "settings": settings})
 
     def stream(self, rate: float | None = None) -> Stream:
-        """Begin a live utterance: phones are pushed, frames are pulled as they come.
+        """Begin a live utterance: phones are pushed, frames are pulled as they become known.
 
-        The frames are those of `predict`. A model with an infinite look-ahead gives them when the
-        utterance has ended.
+        The frames are those of `predict`. A model with an infinite look-ahead returns them when
+        the utterance has ended.
 
         Parameters
         ----------
         rate
-            Frames per second; those of the training corpus where not given.
-        """
-        self._check_fitted()
-        return WindowStream(
-            self.predict_at, self.rate_ if rate is None else rate, self.look_ahead, self.look_back
-        )
+            Frames per second, hertz; that of the training corpus by default.
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the trained model as one file of arrays and JSON, whole or not at all.
+        Returns
+        -------
+        Stream
+            A new stream without phones.
 
         Raises
         ------
         DataError
-            If it is not trained.
-        FileFormatError
-            If the file cannot be written.
+            If the model is not trained, or the rate is not positive.
         """
         self._check_fitted()
+        return WindowStream(
+            self.predict_at,
+            self.rate_ if rate is None else rate,
+            len(self.parameter_names_),
+            self.look_ahead,
+            self.look_back,
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the trained model as one file of arrays and JSON, completely or not at all.
+
+        Parameters
+        ----------
+        path
+            The file; an existing one is replaced.
+
+        Raises
+        ------
+        DataError
+            If the model is not trained.
+        FileFormatError
+            If the file cannot be written.
+        RegistryError
+            If the model is a plug-in that raises an error that is not a `MocapFitError`.
+        """
+        self._check_fitted()
+        with self._guard():
+            write_model_file(*self._to_file(), path)
+
+    def _to_file(self) -> tuple[dict[str, Any], dict[str, np.ndarray[Any, Any]]]:
+        """Return the header and the arrays of the model's file."""
         values, arrays = self._state()
         header = {
             "model": self.name,
-            "settings": _plain(self.settings),
+            "settings": to_json(self.get_params()),
             "parameter_names": list(self.parameter_names_),
             "phone_set": self.phone_set_.to_dict(),
             "rate": self.rate_,
@@ -327,7 +439,22 @@ class ControlModel(abc.ABC):
             "log": [dataclasses.astuple(entry) for entry in self.log_],
             "learned": values,
         }
-        write_model_file(header, arrays, path)
+        return header, arrays
+
+    @contextlib.contextmanager
+    def _guard(self, errors_of_caller: Sequence[Exception] = ()) -> Iterator[None]:
+        """Name the plug-in and its distribution where it raises anything but our errors."""
+        kind = type(self)
+        if not _is_registered(kind):
+            yield
+            return
+        try:
+            with CONTROL_MODELS.guard(kind.name):
+                yield
+        except RegistryError as error:
+            if error.__cause__ in errors_of_caller:
+                raise error.__cause__ from None
+            raise
 
     def _check_fitted(self) -> None:
         if not self.is_fitted:
@@ -338,89 +465,125 @@ class ControlModel(abc.ABC):
     def _check_phones(self, phones: PhoneSequence) -> None:
         if not len(phones):
             raise DataError(f"the utterance '{phones.name}' has no phones")
-        own = self.phone_set_.name
-        if phones.phone_set and own and phones.phone_set != own:
+        expected = self.phone_set_.name
+        if phones.phone_set and expected and phones.phone_set != expected:
             raise DataError(
                 "the phones are of another set than those that the model was trained on",
                 found=phones.phone_set,
-                expected=own,
+                expected=expected,
                 advice="Map them with mocap_fit.phones.map_phones, or take another model.",
             )
         unknown = sorted({s.phone for s in phones if self.phone_set_.parse(s.phone) is None})
         if unknown:
             raise DataError(
-                f"the phone set '{own}' of the model lacks phones of '{phones.name}'",
+                f"the phone set '{expected}' of the model lacks phones of '{phones.name}'",
                 found=", ".join(unknown),
                 advice="Map them with mocap_fit.phones.map_phones.",
             )
 
 
+def _is_registered(kind: type[ControlModel]) -> bool:
+    """Return whether a class is a plug-in that is installed."""
+    name = getattr(kind, "name", "")
+    return name in CONTROL_MODELS.names() and CONTROL_MODELS.get(name) is kind
+
+
 def create(name: str, **settings: Any) -> ControlModel:
-    """Make a control model that is not trained yet.
+    """Return a control model that is not trained yet.
 
     Parameters
     ----------
     name
-        One of `names`.
-    settings
-        Of that model; its defaults are the paper's.
+        Name of the model, one of `names`.
+    **settings
+        Settings of the model; the defaults are the paper's.
+
+    Returns
+    -------
+    ControlModel
+        The model.
 
     Raises
     ------
     RegistryError
         If there is no such model.
     ConfigurationError
-        If it has no such setting.
+        If it has no such setting, or a setting is of another type or out of range.
+
+    See Also
+    --------
+    load : Read a trained model.
+
+    Examples
+    --------
+    >>> from mocap_fit import control
+    >>> control.create("ridge", context=6)
+    Ridge(context=6)
     """
     kind: type[ControlModel] = CONTROL_MODELS.get(name)
-    known = [f.name for f in dataclasses.fields(kind)]  # type: ignore[arg-type]
-    unknown = [key for key in settings if key not in known]
-    if unknown:
-        raise ConfigurationError(
-            f"the control model '{name}' has no setting '{unknown[0]}'",
-            expected=f"some of {', '.join(known)}" if known else "none",
-        )
-    return kind(**settings)
+    settings = to_settings(settings)
+    with CONTROL_MODELS.guard(name):
+        check_settings(kind, settings)
+        return kind(**settings)
 
 
 def names() -> tuple[str, ...]:
-    """Names of all control models that are installed, sorted."""
+    """Return the names of all installed control models, sorted.
+
+    Returns
+    -------
+    tuple[str, ...]
+        Names for `create`.
+    """
     return CONTROL_MODELS.names()
 
 
 def load(path: str | os.PathLike[str]) -> ControlModel:
-    """Read a trained model that `ControlModel.save` wrote. Nothing in the file is run.
+    """Read a trained model that `ControlModel.save` wrote; no code in the file is run.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    ControlModel
+        The trained model.
 
     Raises
     ------
     FileFormatError
-        If the file is none of these, is damaged, or of a later format.
+        If the file is not a model, is damaged, or has a later format.
     RegistryError
         If its kind of model is not installed.
     """
     header, arrays = read_model_file(path)
+    name = ""
     try:
-        settings = {
-            k: tuple(v) if isinstance(v, list) else v for k, v in header["settings"].items()
-        }
-        model = create(header["model"], **settings)
+        name = str(header["model"])
+        model = create(name, **header["settings"])
         model.parameter_names_ = tuple(header["parameter_names"])
         model.phone_set_ = PhoneSet.from_dict(header["phone_set"])
         model.rate_ = float(header["rate"])
         model.trained_on_ = dict(header["trained_on"])
         model.log_ = tuple(LogEntry(*entry) for entry in header["log"])
         model._restore(header["learned"], arrays)
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-        raise FileFormatError(
-            "this model file is damaged", path=path, found=f"{type(error).__name__}: {error}"
-        ) from None
     except (ConfigurationError, DataError) as error:
         raise FileFormatError(
             f"this model file cannot be used: {error.problem}", path=path, found=error.found
         ) from None
+    except MocapFitError:
+        raise
+    except Exception as error:
+        problem, source = "this model file is damaged", ""
+        if name:
+            source = CONTROL_MODELS.source(name)
+        if source not in ("", "mocap-fit"):
+            problem += f", or the control model '{name}' of {source} cannot read it"
+        elif not isinstance(error, _DAMAGE):
+            raise
+        raise FileFormatError(
+            problem, path=path, found=f"{type(error).__name__}: {error}"
+        ) from None
     return model
-
-
-def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings as JSON holds them."""
-    return {k: list(v) if isinstance(v, tuple) else v for k, v in settings.items()}

@@ -2,43 +2,37 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+from pydantic import NonNegativeInt, PositiveFloat
 
-from mocap_fit.control.base import ControlModel, LogEntry, Progress
+from mocap_fit.control.base import Arrays, ControlModel, LogEntry, Progress
+from mocap_fit.control.ridge import RidgeEquations
+from mocap_fit.control.symbol_model import SymbolModel, Utterances
+from mocap_fit.control.symbols import IntArray
 from mocap_fit.control.training import (
     PLANNED_PARAMETERS,
-    IntArray,
-    Recording,
-    Symbols,
-    check_finite,
-    check_phone_set,
-    mean_values,
-    phone_means,
-    planned_symbols,
-    recordings,
-    root_mean_square,
+    check_arrays,
+    compute_means,
+    compute_phone_means,
+    compute_rmse,
 )
 from mocap_fit.corpus import Corpus, draw_fraction
-from mocap_fit.errors import ConfigurationError
-from mocap_fit.phones import PhoneSequence
+from mocap_fit.phones import PhoneSequence, PhoneSet
 from mocap_fit.tracks import FloatArray
 
-_Arrays = Mapping[str, np.ndarray[Any, Any]]
-
-# Penalties that are tried, in frames: a phone heard at one place in so many frames counts half.
-_PENALTIES: tuple[float, ...] = tuple(10.0 ** (0.5 * k) for k in range(1, 9))
+# Penalties to choose from: 10^0.5 to 10^4.
+_GRID = tuple(10.0 ** (0.5 * k) for k in range(1, 9))
 _FOLDS = 3
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Mean(ControlModel):
-    """The mean of every parameter over the corpus, whatever is said. It has no settings."""
+    """The mean of every parameter over the corpus, whatever the phones. It has no settings."""
 
     name: ClassVar[str] = "mean"
     title: ClassVar[str] = "Mean"
@@ -51,204 +45,149 @@ class Mean(ControlModel):
         checkpoint: Path | None,
     ) -> None:
         values = [utterance.read_tracks().values for utterance in corpus]
-        self.mean_: FloatArray = mean_values(np.concatenate(values))
-        there = [] if validation is None else [u.read_tracks().values for u in validation]
-        progress(
-            LogEntry(
-                1,
-                root_mean_square((v, self.mean_) for v in values),
-                root_mean_square((v, self.mean_) for v in there) if there else None,
+        self.mean_: FloatArray = compute_means(np.concatenate(values))
+        error = compute_rmse((each, self.mean_) for each in values)
+        validation_error = None
+        if validation is not None:
+            validation_error = compute_rmse(
+                (u.read_tracks().values, self.mean_) for u in validation
             )
-        )
+        progress(LogEntry(1, error, validation_error))
 
     def _predict(self, phones: PhoneSequence, times: FloatArray) -> FloatArray:
         return np.tile(self.mean_, (len(times), 1))
 
     @property
     def parameter_count(self) -> int:
-        """One a face parameter."""
+        """One for each face parameter."""
         return len(self.parameter_names_) if self.is_fitted else PLANNED_PARAMETERS
 
     @property
     def look_ahead(self) -> float:
-        """No phones are needed."""
+        """Zero seconds: no phones are needed."""
         return 0.0
 
     @property
     def look_back(self) -> float:
-        """No phones matter."""
+        """Zero seconds: no phones matter."""
         return 0.0
 
     def _state(self) -> tuple[dict[str, Any], dict[str, np.ndarray[Any, Any]]]:
         return {}, {"mean": self.mean_}
 
-    def _restore(self, values: Mapping[str, Any], arrays: _Arrays) -> None:
-        check_finite(arrays, {"mean": (len(self.parameter_names_),)})
+    def _restore(self, values: Mapping[str, Any], arrays: Arrays) -> None:
+        check_arrays(arrays, {"mean": (len(self.parameter_names_),)})
         self.mean_ = arrays["mean"]
 
 
-@dataclass(eq=False)
-class PhoneMean(ControlModel):
+@dataclass(eq=False, repr=False)
+class PhoneMean(SymbolModel):
     """The mean of every phone at the centre of its segments, and straight lines in between.
 
-    Parameters
-    ----------
-    phone_set
-        Counts the parameters before training; a corpus of another set is then refused.
-    stress
-        Whether phones of different stress are different phones.
+    Its settings are ``phone_set``, the phone set that it is created for (empty for any), and
+    ``stress``, whether phones of different stress are different phones.
     """
-
-    phone_set: str = ""
-    stress: bool = True
 
     name: ClassVar[str] = "phone-mean"
     title: ClassVar[str] = "Phone means"
 
-    def _fit(
-        self,
-        corpus: Corpus,
-        validation: Corpus | None,
-        progress: Progress,
-        checkpoint: Path | None,
+    def _learn(
+        self, data: Utterances, held_out: Utterances, progress: Progress, checkpoint: Path | None
     ) -> None:
-        check_phone_set(corpus, self.phone_set)
-        self.symbols_: Symbols = Symbols.of(corpus, self.stress)
-        data = recordings(corpus, self.symbols_)
-        self.targets_: FloatArray = phone_means(data, len(self.symbols_))
-        progress(
-            LogEntry(
-                1,
-                self._error(data),
-                None if validation is None else self._error(recordings(validation, self.symbols_)),
-            )
-        )
-
-    def _error(self, data: Sequence[Recording]) -> float:
-        return root_mean_square((r.values, self._predict(r.phones, r.times)) for r in data)
+        self.targets_: FloatArray = compute_phone_means(data, len(self.symbols_))
+        self._log_errors(data, held_out, progress)
 
     def _predict(self, phones: PhoneSequence, times: FloatArray) -> FloatArray:
         centres = 0.5 * (phones.starts + phones.ends)
-        targets = self.targets_[self.symbols_.positions(phones)]
+        targets = self.targets_[self.symbols_.indices(phones)]
         return np.stack([np.interp(times, centres, column) for column in targets.T], axis=1)
 
-    @property
-    def parameter_count(self) -> int:
-        """One a phone and face parameter."""
-        if self.is_fitted:
-            return len(self.symbols_) * len(self.parameter_names_)
-        return len(planned_symbols(self.phone_set, self.stress)[1]) * PLANNED_PARAMETERS
+    def _count_per_parameter(self, phone_set: PhoneSet, symbols: Sequence[str]) -> int:
+        return len(symbols)
 
-    def _state(self) -> tuple[dict[str, Any], dict[str, np.ndarray[Any, Any]]]:
-        return self.symbols_.state(), {"targets": self.targets_}
-
-    def _restore(self, values: Mapping[str, Any], arrays: _Arrays) -> None:
-        self.symbols_ = Symbols.restored(self.phone_set_, self.stress, values)
-        check_finite(arrays, {"targets": (len(self.symbols_), len(self.parameter_names_))})
-        self.targets_ = arrays["targets"]
+    def _list_shapes(self) -> dict[str, tuple[int, ...]]:
+        return {"targets": (len(self.symbols_), len(self.parameter_names_))}
 
 
-@dataclass(eq=False)
-class Ridge(ControlModel):
-    """A ridge regression on the phones heard at every frame of a context.
+@dataclass(eq=False, repr=False)
+class Ridge(SymbolModel):
+    """A ridge regression on the phones at every frame of a context.
+
+    Further settings are ``phone_set``, the phone set that it is created for (empty for any), and
+    ``stress``, whether phones of different stress are different phones.
 
     Parameters
     ----------
-    phone_set
-        Counts the parameters before training; a corpus of another set is then refused.
-    stress
-        Whether phones of different stress are different phones.
     context
-        How many frames to each side, at the rate of the corpus.
-    penalty
-        On the squares of the weights; 0 to take the best of several on the validation part, or,
-        where there is none, on thirds of the training part in turn.
+        Number of frames to each side, at the rate of the corpus.
+    l2
+        Strength of the L2 penalty: how often a phone must occur at a position of the context to
+        get half its weight. None selects the best of 10^0.5 to 10^4 on the validation part, or,
+        where there is none, by cross-validation on thirds of the training part.
     """
 
-    phone_set: str = ""
-    stress: bool = True
-    context: int = 12
-    penalty: float = 0.0
+    context: NonNegativeInt = 12
+    l2: PositiveFloat | None = None
 
     name: ClassVar[str] = "ridge"
     title: ClassVar[str] = "Ridge regression"
 
-    def _fit(
-        self,
-        corpus: Corpus,
-        validation: Corpus | None,
-        progress: Progress,
-        checkpoint: Path | None,
+    def _learn(
+        self, data: Utterances, held_out: Utterances, progress: Progress, checkpoint: Path | None
     ) -> None:
-        if self.context < 0 or not 0 <= self.penalty < math.inf:
-            raise ConfigurationError(
-                "the ridge regression has an impossible setting",
-                found=f"context {self.context}, penalty {self.penalty}",
-                expected="0 or more",
-            )
-        check_phone_set(corpus, self.phone_set)
-        self.symbols_: Symbols = Symbols.of(corpus, self.stress)
-        data = recordings(corpus, self.symbols_)
-        held = None if validation is None else recordings(validation, self.symbols_)
-        self.penalty_: float = self.penalty or self._best_penalty(corpus, data, held)
-        sums = _Sums(data, self._columns, self._width)
-        self.weights_: FloatArray = sums.solved(self.penalty_)
-        progress(LogEntry(1, self._error(data), None if held is None else self._error(held)))
+        #: The strength of the penalty.
+        self.l2_: float = self._select_l2(data, held_out) if self.l2 is None else self.l2
+        #: Weights, ``(features, parameters)``; the first feature is the constant 1.
+        self.weights_: FloatArray = self._build_equations(data).solve(self.l2_)
+        self._log_errors(data, held_out, progress)
+
+    def _build_equations(self, data: Utterances) -> RidgeEquations:
+        return RidgeEquations.from_utterances(data, self._find_features, self._width)
 
     @property
     def _width(self) -> int:
-        return 1 + (2 * self.context + 1) * len(self.symbols_)
+        return self._count_per_parameter(self.symbols_.phone_set, self.symbols_.names)
 
-    def _best_penalty(
-        self, corpus: Corpus, data: Sequence[Recording], held: Sequence[Recording] | None
-    ) -> float:
-        if held is not None:
-            parts = [(list(data), list(held))]
+    def _select_l2(self, data: Utterances, held_out: Utterances) -> float:
+        """Return the penalty of the least error on what is not trained on."""
+        if held_out:
+            parts = [(data, held_out)]
         else:
-            folds = [int(draw_fraction(utterance.id, 0) * _FOLDS) for utterance in corpus]
+            folds = [int(draw_fraction(each.id, 0) * _FOLDS) for each in data]
             pairs = list(zip(folds, data, strict=True))
             parts = [
-                ([r for at, r in pairs if at != fold], [r for at, r in pairs if at == fold])
-                for fold in range(_FOLDS)
+                ([u for fold, u in pairs if fold != test], [u for fold, u in pairs if fold == test])
+                for test in range(_FOLDS)
             ]
-        errors = np.zeros(len(_PENALTIES))
+        errors = np.zeros(len(_GRID))
         for training, test in parts:
-            if not training or not test:
-                continue
-            sums = _Sums(training, self._columns, self._width)
-            for position, penalty in enumerate(_PENALTIES):
-                self.weights_ = sums.solved(penalty)
-                errors[position] += self._error(test) ** 2
-        return _PENALTIES[int(np.argmin(errors))]
+            if training and test:
+                equations = self._build_equations(training)
+                for i, l2 in enumerate(_GRID):
+                    self.weights_ = equations.solve(l2)
+                    pairs = ((u.values, self._predict(u.phones, u.times)) for u in test)
+                    errors[i] += compute_rmse(pairs) ** 2
+        return _GRID[int(np.argmin(errors))]
 
-    def _error(self, data: Sequence[Recording]) -> float:
-        return root_mean_square((r.values, self._predict(r.phones, r.times)) for r in data)
-
-    def _columns(self, phones: PhoneSequence, times: FloatArray) -> IntArray:
-        """The columns that are 1 at each time, `(times, 1 + 2 * context + 1)`; the first always."""
+    def _find_features(self, phones: PhoneSequence, times: FloatArray) -> IntArray:
+        """Return the features that are 1 at each time, ``(times, 2 * context + 2)``."""
         offsets = np.arange(-self.context, self.context + 1)
-        positions = self.symbols_.positions(phones)
-        # What nothing labels is silence.
-        silence = self.symbols_.position(self.phone_set_.silence)
-        found = phones.at(times[:, None] + offsets / self.rate_)
-        heard = np.where(found >= 0, positions[found], silence)
-        columns = 1 + np.arange(len(offsets)) * len(self.symbols_) + heard
-        return np.concatenate([np.zeros((len(times), 1), dtype=np.int64), columns], axis=1)
+        positions = self.symbols_.indices(phones)
+        # Where nothing is labelled is silence.
+        silence = self.symbols_.index(self.phone_set_.silence)
+        segments = phones.at(times[:, None] + offsets / self.rate_)
+        symbols = np.where(segments >= 0, positions[segments], silence)
+        features = 1 + np.arange(len(offsets)) * len(self.symbols_) + symbols
+        return np.concatenate([np.zeros((len(times), 1), dtype=np.int64), features], axis=1)
 
     def _predict(self, phones: PhoneSequence, times: FloatArray) -> FloatArray:
-        columns = self._columns(phones, times)
         values = np.zeros((len(times), self.weights_.shape[1]))
-        for column in columns.T:
-            values += self.weights_[column]
+        for feature in self._find_features(phones, times).T:
+            values += self.weights_[feature]
         return values
 
-    @property
-    def parameter_count(self) -> int:
-        """One a frame of the context, phone and face parameter; a constant a face parameter."""
-        if self.is_fitted:
-            return int(self.weights_.size)
-        symbols = planned_symbols(self.phone_set, self.stress)[1]
-        return (1 + (2 * self.context + 1) * len(symbols)) * PLANNED_PARAMETERS
+    def _count_per_parameter(self, phone_set: PhoneSet, symbols: Sequence[str]) -> int:
+        return 1 + (2 * self.context + 1) * len(symbols)
 
     @property
     def look_ahead(self) -> float:
@@ -260,58 +199,13 @@ class Ridge(ControlModel):
         """The context, seconds."""
         return float(self.context / self.rate_)
 
+    def _list_shapes(self) -> dict[str, tuple[int, ...]]:
+        return {"weights": (self._width, len(self.parameter_names_))}
+
     def _state(self) -> tuple[dict[str, Any], dict[str, np.ndarray[Any, Any]]]:
-        return (
-            {**self.symbols_.state(), "penalty": self.penalty_},
-            {"weights": self.weights_},
-        )
+        values, arrays = super()._state()
+        return {**values, "l2": self.l2_}, arrays
 
-    def _restore(self, values: Mapping[str, Any], arrays: _Arrays) -> None:
-        self.symbols_ = Symbols.restored(self.phone_set_, self.stress, values)
-        self.penalty_ = float(values["penalty"])
-        check_finite(arrays, {"weights": (self._width, len(self.parameter_names_))})
-        self.weights_ = arrays["weights"]
-
-
-class _Sums:
-    """The normal equations of a regression whose features are 0 or 1, a parameter each.
-
-    Parameters that miss the same frames share theirs.
-    """
-
-    def __init__(self, data: Sequence[Recording], columns: Any, width: int) -> None:
-        from scipy import sparse
-
-        active = [columns(each.phones, each.times) for each in data]
-        values = np.concatenate([each.values for each in data])
-        indices = np.concatenate(active)
-        rows, ones = indices.shape
-        features = sparse.csr_matrix(
-            (np.ones(indices.size), indices.ravel(), np.arange(0, indices.size + 1, ones)),
-            shape=(rows, width),
-        )
-        self._parts: list[tuple[list[int], FloatArray, FloatArray]] = []
-        self._parameters = values.shape[1]
-        there = np.isfinite(values)
-        groups: dict[bytes, list[int]] = {}
-        for parameter in range(values.shape[1]):
-            groups.setdefault(np.packbits(there[:, parameter]).tobytes(), []).append(parameter)
-        for group in groups.values():
-            kept = features[there[:, group[0]]]
-            wanted = values[there[:, group[0]]][:, group]
-            self._parts.append((group, (kept.T @ kept).toarray(), kept.T @ wanted))
-
-    def solved(self, penalty: float) -> FloatArray:
-        """The weights for a penalty on their squares, `(features, parameters)`."""
-        from scipy.linalg import cho_factor, cho_solve
-
-        result = np.zeros((len(self._parts[0][1]), self._parameters))
-        for group, squares, products in self._parts:
-            if not squares.any():
-                continue
-            # The first column is the constant, which has no penalty but what makes it sure.
-            penalties = np.full(len(squares), penalty)
-            penalties[0] = 1e-9 * squares[0, 0]
-            factor = cho_factor(squares + np.diag(penalties), overwrite_a=True)
-            result[:, group] = cho_solve(factor, products)
-        return result
+    def _restore(self, values: Mapping[str, Any], arrays: Arrays) -> None:
+        super()._restore(values, arrays)
+        self.l2_ = float(values["l2"])

@@ -1,4 +1,4 @@
-"""`trajectory` and `jacobian` of dominance.py, compiled."""
+"""`compute_trajectory` and `jacobian` of dominance.py, compiled: the same values, faster."""
 
 from __future__ import annotations
 
@@ -14,34 +14,63 @@ from mocap_fit.tracks import FloatArray
 _compiled: Any = numba.njit(cache=True, error_model="numpy", nogil=True)
 
 
-def trajectory(free: FloatArray, frames: Frames) -> FloatArray:
-    """The trajectory, `(frames,)`; see dominance.py."""
+def compute_trajectory(free: FloatArray, frames: Frames) -> FloatArray:
+    """Return the trajectory (eq. 8).
+
+    Parameters
+    ----------
+    free
+        Free parameters of all phones of the model, ``(phones, 5)``, no unit.
+    frames
+        The frames.
+
+    Returns
+    -------
+    FloatArray
+        The articulatory parameter, ``(frames,)``.
+    """
     values = np.empty(len(frames))
-    _run(*_arguments(free, frames), values, np.empty((0, 0)))
+    _run(*_pack(free, frames), values, np.empty((0, 0)))
     return values
 
 
 def jacobian(free: FloatArray, frames: Frames) -> tuple[FloatArray, FloatArray]:
-    """The trajectory and its derivatives; see dominance.py."""
+    """Return the trajectory and its derivatives (eqs. 9-14, with the sign of eq. 14 corrected).
+
+    Parameters
+    ----------
+    free
+        Free parameters of all phones of the model, ``(phones, 5)``, no unit.
+    frames
+        The frames.
+
+    Returns
+    -------
+    trajectory
+        The articulatory parameter, ``(frames,)``.
+    derivatives
+        Five columns for the first distinct phone, then those of the next,
+        ``(frames, 5 * distinct)``.
+    """
     values = np.empty(len(frames))
     derivatives = np.zeros((len(frames), 5 * len(frames.phones)))
-    _run(*_arguments(free, frames), values, derivatives)
+    _run(*_pack(free, frames), values, derivatives)
     return values, derivatives
 
 
-def _arguments(free: FloatArray, frames: Frames) -> tuple[Any, ...]:
-    own = np.ascontiguousarray(free[frames.phones].T)
-    own[4] = np.exp(own[4])
-    return own, frames.which, frames.first, frames.logarithms, frames.left
+def _pack(free: FloatArray, frames: Frames) -> tuple[Any, ...]:
+    phones = np.ascontiguousarray(free[frames.phones].T)
+    phones[4] = np.exp(phones[4])
+    return phones, frames.which, frames.first, frames.logarithms, frames.before
 
 
 @_compiled
-def _run(own, which, first, logarithms, left, values, derivatives):  # type: ignore[no-untyped-def]
+def _run(phones, which, first, logarithms, before_of_frame, values, derivatives):  # type: ignore[no-untyped-def]
     frames, width = logarithms.shape
     exponents, powers = np.empty(width), np.empty(width)
-    targets = own[0]
+    targets = phones[0]
     for frame in range(frames):
-        begin, before, count = first[frame], left[frame], 0
+        begin, before, count = first[frame], before_of_frame[frame], 0
         largest = -np.inf
         for i in range(width):
             logarithm = logarithms[frame, i]
@@ -49,10 +78,10 @@ def _run(own, which, first, logarithms, left, values, derivatives):  # type: ign
                 break
             count += 1
             phone = which[begin + i]
-            slope = own[3, phone] if i < before else own[2, phone]
-            power = math.exp(slope + own[4, phone] * logarithm)
+            slope = phones[3, phone] if i < before else phones[2, phone]
+            power = math.exp(slope + phones[4, phone] * logarithm)
             powers[i] = power
-            exponents[i] = own[1, phone] - power
+            exponents[i] = phones[1, phone] - power
             largest = max(largest, exponents[i])
         total, product = 0.0, 0.0
         for i in range(count):
@@ -77,4 +106,4 @@ def _run(own, which, first, logarithms, left, values, derivatives):  # type: ign
             row[at] += share
             row[at + 1] += by_alpha
             row[at + (3 if i < before else 2)] += by_power
-            row[at + 4] += by_power * own[4, phone] * logarithms[frame, i]
+            row[at + 4] += by_power * phones[4, phone] * logarithms[frame, i]

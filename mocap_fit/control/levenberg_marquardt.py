@@ -7,111 +7,106 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from mocap_fit.tracks import FloatArray
 
-# The damping: where it begins, what a step that fails and one that succeeds make of it.
-_FIRST, _MORE, _LESS = 1e-2, 5.0, 0.2
-_LARGEST = 1e12
+# The damping at the start, and its factors after a step that fails and one that succeeds.
+_FIRST_DAMPING, _INCREASE, _DECREASE = 1e-2, 5.0, 0.2
+_LARGEST_DAMPING = 1e12
 
 
-class Equations(NamedTuple):
-    """What a sum of squares is like around a point.
+class NormalEquations(NamedTuple):
+    """A sum of squares r'r around a point, with the Jacobian J of the residuals r.
 
     Parameters
     ----------
-    squares
-        `(n, n)`: J'J of the residuals' Jacobian J.
-    slope
-        `(n,)`: J'r, half the gradient.
-    error
-        The sum of squares r'r.
+    hessian
+        J'J, ``(n, n)``: half the second derivatives, as Gauss and Newton approximate them.
+    gradient
+        J'r, ``(n,)``: half the gradient.
+    cost
+        The sum of squares r'r, in the squared unit of the residuals.
     """
 
-    squares: FloatArray
-    slope: FloatArray
-    error: float
+    hessian: FloatArray
+    gradient: FloatArray
+    cost: float
 
 
 def minimise(
-    equations: Callable[[FloatArray], Equations],
-    error: Callable[[FloatArray], float],
+    equations: Callable[[FloatArray], NormalEquations],
+    cost: Callable[[FloatArray], float],
     start: FloatArray,
     bounds: tuple[FloatArray, FloatArray],
     *,
-    iterations: int,
-    tolerance: float,
-    after: Callable[[int, FloatArray, float], bool] | None = None,
+    max_iter: int,
+    tol: float,
+    callback: Callable[[int, FloatArray, float], bool] | None = None,
 ) -> FloatArray:
     """Minimise a sum of squares between bounds.
 
     Parameters
     ----------
     equations
-        The normal equations at a point.
-    error
-        The sum of squares alone.
+        A function that returns the normal equations at a point.
+    cost
+        A function that returns the sum of squares alone.
     start
-        `(n,)`.
+        The first point, ``(n,)``.
     bounds
-        The least and the largest values, `(n,)` each.
-    iterations
-        At most so many steps.
-    tolerance
-        Ends when a step makes the error less by a smaller part of it than this.
-    after
-        Called with the number of steps that were taken, the point and its error; what is true ends
-        the search. Called for the start too.
+        The least and the largest values, ``(n,)`` each.
+    max_iter
+        The largest number of steps.
+    tol
+        The search ends when a step reduces the cost by less than this share of it.
+    callback
+        Called with the number of steps, the point and its cost, from the start on; the search ends
+        when it returns true.
 
     Returns
     -------
     FloatArray
-        The last point, `(n,)`.
+        The last point, ``(n,)``.
     """
     lower, upper = bounds
     point = np.clip(start, lower, upper)
-    damping = _FIRST
+    damping = _FIRST_DAMPING
     now = equations(point)
-    if after is not None and after(0, point, now.error):
+    if callback is not None and callback(0, point, now.cost):
         return point
-    for iteration in range(1, iterations + 1):
-        # What stands at a bound and wants beyond it stays there.
-        free = ~(((point <= lower) & (now.slope > 0)) | ((point >= upper) & (now.slope < 0)))
-        found = None
-        while found is None and damping < _LARGEST:
-            step = _step(now, free, damping)
-            wanted = np.clip(point + step, lower, upper)
-            reached = error(wanted)
-            if reached < now.error:
-                found = wanted
-                damping *= _LESS
-            else:
-                damping *= _MORE
-        if found is None:
+    for iteration in range(1, max_iter + 1):
+        # A value at a bound whose descent leads beyond it stays there.
+        free = ~(((point <= lower) & (now.gradient > 0)) | ((point >= upper) & (now.gradient < 0)))
+        while damping < _LARGEST_DAMPING:
+            candidate = np.clip(point + _compute_step(now, free, damping), lower, upper)
+            reached = cost(candidate)
+            if reached < now.cost:
+                break
+            damping *= _INCREASE
+        else:
             break
-        less = (now.error - reached) / now.error
-        point = found
-        stop = after is not None and after(iteration, point, reached)
-        if stop or less < tolerance or reached == 0.0:
+        damping *= _DECREASE
+        point = candidate
+        stop = callback is not None and callback(iteration, point, reached)
+        if stop or now.cost - reached < tol * now.cost or reached == 0.0:
             break
-        if iteration < iterations:
+        if iteration < max_iter:
             now = equations(point)
     return point
 
 
-def _step(
-    now: Equations, free: np.ndarray[tuple[int], np.dtype[np.bool_]], damping: float
-) -> FloatArray:
-    """A damped step of the parameters that are free, `(n,)`; 0 for the others."""
-    step = np.zeros(len(now.slope))
-    squares = now.squares[np.ix_(free, free)]
-    scale = np.diag(squares)
-    # A parameter that nothing depends on keeps its place.
+def _compute_step(now: NormalEquations, free: NDArray[np.bool_], damping: float) -> FloatArray:
+    """Return a damped step of the parameters that are free, ``(n,)``; 0 for the others."""
+    step = np.zeros(len(now.gradient))
+    hessian = now.hessian[np.ix_(free, free)]
+    scale = np.diag(hessian)
+    # A parameter that nothing depends on does not move.
     least = 1e-12 * max(float(scale.max(initial=0.0)), 1e-300)
-    squares = squares + np.diag(damping * scale + least)
+    hessian = hessian + np.diag(damping * scale + least)
     try:
-        factor = scipy.linalg.cho_factor(squares, overwrite_a=True, check_finite=False)
+        factor = scipy.linalg.cho_factor(hessian, overwrite_a=True, check_finite=False)
     except scipy.linalg.LinAlgError:
         return step
-    step[free] = -scipy.linalg.cho_solve(factor, now.slope[free], check_finite=False)
+    step[free] = -scipy.linalg.cho_solve(factor, now.gradient[free], check_finite=False)
     return step

@@ -12,7 +12,7 @@ import numpy as np
 from mocap_fit.atomic_file import write_atomically
 from mocap_fit.errors import FileFormatError, from_os_error
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 _HEADER = "header"
 
 
@@ -21,16 +21,21 @@ def write_model_file(
     arrays: Mapping[str, np.ndarray[Any, Any]],
     path: str | os.PathLike[str],
 ) -> None:
-    """Write a header and arrays, whole or not at all; the same content gives the same bytes.
+    """Write a header and arrays, completely or not at all; equal content gives equal bytes.
 
     Parameters
     ----------
     header
         Values that JSON can hold; ``format_version`` is added.
     arrays
-        Numbers, by name.
+        Arrays of numbers of any shape ``(...)``, by name.
     path
-        The file; one that exists is replaced.
+        The file; an existing one is replaced.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be written.
     """
     text = json.dumps({"format_version": FORMAT_VERSION, **header}, ensure_ascii=False)
     content = np.frombuffer(text.encode(), dtype=np.uint8)
@@ -43,10 +48,24 @@ def read_model_file(
 ) -> tuple[dict[str, Any], dict[str, np.ndarray[Any, Any]]]:
     """Read what `write_model_file` wrote.
 
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    header
+        The values.
+    arrays
+        Arrays of numbers of any shape ``(...)``, by name.
+
     Raises
     ------
+    MissingFileError
+        If there is no such file.
     FileFormatError
-        If the file is none of these, is damaged, or of a later format.
+        If the file is something else, is damaged, or has another version of the format.
     """
     try:
         with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as archive:
@@ -65,10 +84,10 @@ def read_model_file(
         ) from None
     if version != FORMAT_VERSION:
         raise FileFormatError(
-            "this model is of a format that this version of mocap-fit does not read",
+            "this model has a format that this version of mocap-fit does not read",
             path=path,
             found=f"format_version {version}",
             expected=FORMAT_VERSION,
-            advice="Update mocap-fit, or train it again.",
+            advice="Update mocap-fit, or train the model again.",
         )
     return header, arrays

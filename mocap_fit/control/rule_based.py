@@ -44,7 +44,7 @@ class _Held(NamedTuple):
 class RuleBased(ControlModel):
     """Targets by rule, unspecified ones from context, smoothed. It learns nothing from a corpus.
 
-    `ready` makes it work without one; `fit` takes the phone set, the parameters and the rate of a
+    `prepare` makes it work without one; `fit` takes the phone set, the parameters and the rate of a
     corpus and no more. A parameter that no phone of an utterance specifies stays at rest (0).
 
     Parameters
@@ -62,7 +62,7 @@ class RuleBased(ControlModel):
     name: ClassVar[str] = "rule-based"
     title: ClassVar[str] = "Rule-based"
 
-    def ready(
+    def prepare(
         self,
         phone_set: PhoneSet | str,
         parameter_names: Sequence[str] = ARTICULATORY_PARAMETERS,

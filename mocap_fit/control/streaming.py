@@ -14,7 +14,7 @@ from mocap_fit.tracks import FloatArray
 
 
 class Stream(abc.ABC):
-    """An utterance that is under way.
+    """An utterance in progress.
 
     Frame ``i`` is at ``start_time + i / rate``, where the start is that of the first phone.
     Between two phones that do not meet nothing is labelled, as in a `PhoneSequence`.
@@ -22,13 +22,17 @@ class Stream(abc.ABC):
     Parameters
     ----------
     rate
-        Frames per second.
+        Frames per second, hertz.
+    parameters
+        Number of face parameters.
     """
 
-    def __init__(self, rate: float) -> None:
+    def __init__(self, rate: float, parameters: int) -> None:
         if not math.isfinite(rate) or rate <= 0:
-            raise DataError("the frame rate is not possible", found=f"{rate} Hz")
+            raise DataError("the frame rate must be positive", found=f"{rate} Hz")
         self.rate = rate
+        self._parameters = parameters
+        self._frames = 0
         self._ended = False
         self._last: PhoneSegment | None = None
         #: Time of the first frame, seconds; None before the first phone.
@@ -36,6 +40,11 @@ class Stream(abc.ABC):
 
     def push(self, segment: PhoneSegment) -> None:
         """Add the next phone.
+
+        Parameters
+        ----------
+        segment
+            The phone; it starts where the last one ends, or later.
 
         Raises
         ------
@@ -53,68 +62,93 @@ class Stream(abc.ABC):
         if self.start_time is None:
             self.start_time = segment.start
         self._last = segment
-        self._push(segment)
+        self._add(segment)
 
     def pull(self) -> FloatArray:
-        """The frames that have become sure since the last call, `(frames, parameters)`."""
-        return self._pull(False)
+        """Return the frames that have become known since the last call.
+
+        Returns
+        -------
+        FloatArray
+            Parameters, ``(frames, parameters)``, no unit.
+        """
+        if self.start_time is None or self._last is None:
+            return np.zeros((0, self._parameters))
+        until = self._last.end if self._ended else self._find_known_end()
+        first = last = self._frames
+        if math.isfinite(until):
+            last = max(first, math.ceil((until - self.start_time) * self.rate - 1e-6))
+        self._frames = last
+        if last == first:
+            return np.zeros((0, self._parameters))
+        return self._compute(self.start_time + np.arange(first, last) / self.rate)
 
     def finish(self) -> FloatArray:
-        """Say that no phone follows, and take the rest of the frames, `(frames, parameters)`."""
+        """End the utterance and return the rest of its frames.
+
+        Returns
+        -------
+        FloatArray
+            Parameters, ``(frames, parameters)``, no unit.
+        """
         self._ended = True
-        return self._pull(True)
+        return self.pull()
 
     @abc.abstractmethod
-    def _push(self, segment: PhoneSegment) -> None:
-        """Take a phone that has been checked."""
+    def _add(self, segment: PhoneSegment) -> None:
+        """Add a phone that has been checked."""
 
     @abc.abstractmethod
-    def _pull(self, ended: bool) -> FloatArray:
-        """Frames that were not given yet, and are sure or, at the end, are left."""
+    def _find_known_end(self) -> float:
+        """Return the time up to which phones to come change nothing, seconds."""
+
+    @abc.abstractmethod
+    def _compute(self, times: FloatArray) -> FloatArray:
+        """Return parameters ``(times, parameters)``; times only ever ascend."""
 
 
 class WindowStream(Stream):
-    """A stream that calls `predict_at` on the phones that matter for the frames it gives.
+    """A stream that calls `ControlModel.predict_at` on the phones that matter for its frames.
 
     Parameters
     ----------
     predict_at
-        Of the model.
+        The method of the model.
     rate
-        Frames per second.
-    look_ahead, look_back
-        How far from a frame phones matter, seconds.
+        Frames per second, hertz.
+    parameters
+        Number of face parameters.
+    look_ahead
+        How far beyond a frame phones matter, seconds.
+    look_back
+        How far before a frame phones matter, seconds.
     """
 
     def __init__(
         self,
         predict_at: Callable[[PhoneSequence, FloatArray], FloatArray],
         rate: float,
+        parameters: int,
         look_ahead: float,
         look_back: float,
     ) -> None:
-        super().__init__(rate)
+        super().__init__(rate, parameters)
         self._predict_at = predict_at
         self._look_ahead, self._look_back = look_ahead, look_back
         self._segments: list[PhoneSegment] = []
-        self._given = 0
-        self._width: int | None = None
 
-    def _push(self, segment: PhoneSegment) -> None:
+    def _add(self, segment: PhoneSegment) -> None:
         self._segments.append(segment)
 
-    def _pull(self, ended: bool) -> FloatArray:
-        if self.start_time is None or self._last is None:
-            return np.zeros((0, self._width or 0))
-        until = self._last.end - (0.0 if ended else self._look_ahead)
-        first, last = self._given, self._given
-        if math.isfinite(until):
-            last = max(first, math.ceil((until - self.start_time) * self.rate - 1e-6))
-        times = self.start_time + np.arange(first, last) / self.rate
-        if len(times) and math.isfinite(self._look_back):
-            needed = times[0] - self._look_back
-            while len(self._segments) > 1 and self._segments[0].end < needed:
-                del self._segments[0]
-        values = self._predict_at(PhoneSequence(tuple(self._segments)), times)
-        self._given, self._width = last, values.shape[1]
-        return values
+    def _find_known_end(self) -> float:
+        return self._segments[-1].end - self._look_ahead
+
+    def _count_passed(self, time: float) -> int:
+        """Return how many of the first segments do not matter from a time on."""
+        needed = time - self._look_back
+        return sum(segment.end < needed for segment in self._segments)
+
+    def _compute(self, times: FloatArray) -> FloatArray:
+        passed = min(self._count_passed(float(times[0])), len(self._segments) - 1)
+        del self._segments[:passed]
+        return self._predict_at(PhoneSequence(tuple(self._segments)), times)

@@ -177,7 +177,7 @@ def dominance_figure(
     """
     times = target.times
     fine = np.linspace(times[0], times[-1], 4 * len(times))
-    dominances = model.dominances(phones, fine, parameter)
+    dominances = model.compute_dominances(phones, fine, parameter)
     column = target.index(parameter)
     figure, axes = new_figure((10.0, 4.6), 3, 1, sharex=True, height_ratios=[1.0, 1.0, 0.2])
     above, below, strip = axes[:, 0]

@@ -68,7 +68,7 @@ def synthesise(
     >>> from mocap_fit.control.rule_based import RuleBased
     >>> from mocap_fit.phones import PhoneSegment, PhoneSequence
     >>> said = PhoneSequence((PhoneSegment(0, 0.1, "B"), PhoneSegment(0.1, 0.3, "AA", 1)))
-    >>> tracks = synthesise(said.replace(phone_set="en-arpabet"), RuleBased().ready("en-arpabet"))
+    >>> tracks = synthesise(said.replace(phone_set="en-arpabet"), RuleBased().prepare("en-arpabet"))
     >>> tracks.frames, tracks.rate
     (18, 60.0)
     """

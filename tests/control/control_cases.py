@@ -34,10 +34,10 @@ SENTENCES = (
 
 # Small forms of models whose own size would take long: what `create` is told for these tests.
 SETTINGS: dict[str, dict] = {
-    "ann": {"hidden_units": 6, "epochs": 4},
-    "ann-ensemble": {"hidden_units": 3, "epochs": 2, "members": 2},
-    "ann-low-latency": {"hidden_units": 6, "epochs": 4},
-    "cohen-massaro": {"iterations": 3},
+    "ann": {"hidden_units": 6, "max_iter": 4},
+    "ann-ensemble": {"hidden_units": 3, "max_iter": 2, "n_estimators": 2},
+    "ann-low-latency": {"hidden_units": 6, "max_iter": 4},
+    "cohen-massaro": {"max_iter": 3},
     "ridge": {"context": 2},
     "lab-levels": {"factor": 0.9},
 }

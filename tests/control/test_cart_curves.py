@@ -244,4 +244,4 @@ def test_the_same_corpus_gives_the_same_file_whatever_is_learned_before(tmp_path
         Cart(seed=1).fit(corpus(lips, count=3))
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
     other = Cart(seed=1).fit(spoken)
-    assert json.dumps(other.settings) != json.dumps(Cart().settings)
+    assert json.dumps(other.get_params()) != json.dumps(Cart().get_params())

@@ -49,8 +49,8 @@ def test_questions_of_ones_own_are_asked_and_kept_in_the_file(tmp_path):
     table.unlink()
     again = control.load(tmp_path / "m.npz")
     assert again.questions_ == found.questions_
-    assert again.settings["questions"] == TABLE
-    assert Cart(questions=TABLE).fit(spoken).settings == found.settings
+    assert again.get_params()["questions"] == TABLE
+    assert Cart(questions=TABLE).fit(spoken).get_params() == found.get_params()
     new = phones_of("sil T P L A S B L sil")
     np.testing.assert_array_equal(again.targets(new), found.targets(new))
     names = [question.name for question in found.questions_]

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mocap_fit import control
-from mocap_fit.control import dominance
+from mocap_fit.control import cohen_massaro, dominance
 from mocap_fit.control.dominance import Frames
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.errors import ConfigurationError, DataError
@@ -47,7 +47,7 @@ def by_the_paper(free, positions, centres, time):
 
 
 def forms():
-    kernel = dominance.compiled_kernel()
+    kernel = cohen_massaro._import_equations()
     assert kernel is not None, "numba is one of the core's packages"
     return pytest.mark.parametrize("form", [dominance, kernel], ids=["numpy", "compiled"])
 
@@ -58,7 +58,7 @@ def test_the_trajectory_is_that_of_the_paper(form, rng):
     positions, centres = an_utterance(rng)
     times = np.concatenate([np.linspace(-0.5, centres[-1] + 0.5, 80), centres])
     wanted = [by_the_paper(free, positions, centres, time) for time in times]
-    found = form.trajectory(free, Frames.of(positions, centres, times))
+    found = form.compute_trajectory(free, Frames.from_segments(positions, centres, times))
     np.testing.assert_allclose(found, wanted, atol=1e-7)
 
 
@@ -69,16 +69,18 @@ def test_the_gradient_agrees_with_finite_differences(form, rng):
         positions, centres = an_utterance(rng)
         # Between the centres, where every derivative is there; 9 segments meet the cut of nothing.
         times = np.sort(rng.uniform(centres[0], centres[-1], 40))
-        frames = Frames.of(positions, centres, times)
+        frames = Frames.from_segments(positions, centres, times)
         values, derivatives = form.jacobian(free, frames)
-        np.testing.assert_allclose(values, form.trajectory(free, frames), atol=1e-14)
+        np.testing.assert_allclose(values, form.compute_trajectory(free, frames), atol=1e-14)
         step = 1e-5
         for place, phone in enumerate(frames.phones):
             for which in range(5):
                 ahead, behind = free.copy(), free.copy()
                 ahead[phone, which] += step
                 behind[phone, which] -= step
-                apart = form.trajectory(ahead, frames) - form.trajectory(behind, frames)
+                apart = form.compute_trajectory(ahead, frames) - form.compute_trajectory(
+                    behind, frames
+                )
                 np.testing.assert_allclose(
                     derivatives[:, 5 * place + which], apart / (2 * step), atol=1e-6
                 )
@@ -87,16 +89,16 @@ def test_the_gradient_agrees_with_finite_differences(form, rng):
 def test_the_sign_of_equation_14(rng):
     """More than one unit from the centre a larger exponent lowers the dominance."""
     free = free_parameters(rng, 2)
-    frames = Frames.of(np.array([0, 1]), np.array([0.0, 5.0]), np.array([2.0]))
-    before = dominance.log_dominances(free, frames)[0, 0]
+    frames = Frames.from_segments(np.array([0, 1]), np.array([0.0, 5.0]), np.array([2.0]))
+    before = dominance.compute_log_dominances(free, frames)[0, 0]
     free[0, 4] += 0.1
-    assert dominance.log_dominances(free, frames)[0, 0] < before
+    assert dominance.compute_log_dominances(free, frames)[0, 0] < before
 
 
 def test_both_forms_have_the_same_derivatives(rng):
     free = free_parameters(rng)
-    frames = Frames.of(*an_utterance(rng, 150), np.linspace(-3.0, 160.0, 500))
-    kernel = dominance.compiled_kernel()
+    frames = Frames.from_segments(*an_utterance(rng, 150), np.linspace(-3.0, 160.0, 500))
+    kernel = cohen_massaro._import_equations()
     for ours, theirs in zip(
         dominance.jacobian(free, frames), kernel.jacobian(free, frames), strict=True
     ):
@@ -107,7 +109,7 @@ def test_both_forms_have_the_same_derivatives(rng):
 def test_at_the_centre_of_a_segment_nothing_is_undefined(form, rng):
     free = free_parameters(rng)
     positions, centres = np.arange(PHONES), 1.0 + np.arange(PHONES)
-    values, derivatives = form.jacobian(free, Frames.of(positions, centres, centres))
+    values, derivatives = form.jacobian(free, Frames.from_segments(positions, centres, centres))
     assert np.isfinite(values).all()
     assert np.isfinite(derivatives).all()
     # By its own theta, phi and c the derivative is 0 there.
@@ -122,9 +124,9 @@ def test_where_all_dominances_vanish_there_is_a_trajectory(form, rng):
     free[:, 4] = 1.4
     positions, centres = np.array([0, 1]), np.array([0.0, 1000.0])
     times = np.array([-1e5, 100.0, 499.0, 501.0, 900.0, 1e5])
-    frames = Frames.of(positions, centres, times)
+    frames = Frames.from_segments(positions, centres, times)
     # No dominance itself can be told from 0 here.
-    assert not np.exp(dominance.log_dominances(free, frames)).any()
+    assert not np.exp(dominance.compute_log_dominances(free, frames)).any()
     values, derivatives = form.jacobian(free, frames)
     assert np.isfinite(derivatives).all()
     assert np.isin(np.round(values, 12), np.round(free[:2, 0], 12)).all()
@@ -136,9 +138,9 @@ def test_long_utterances_are_as_good_as_short_ones(form, rng):
     positions, centres = an_utterance(rng, 1000)
     times = rng.uniform(centres[0], centres[-1], 30)
     wanted = [by_the_paper(free, positions, centres, time) for time in times]
-    frames = Frames.of(positions, centres, times)
+    frames = Frames.from_segments(positions, centres, times)
     assert frames.logarithms.shape[1] <= 200
-    np.testing.assert_allclose(form.trajectory(free, frames), wanted, atol=1e-7)
+    np.testing.assert_allclose(form.compute_trajectory(free, frames), wanted, atol=1e-7)
 
 
 @given(
@@ -157,14 +159,16 @@ def test_long_utterances_are_as_good_as_short_ones(form, rng):
 @settings(max_examples=80, deadline=None)
 def test_a_trajectory_lies_between_the_targets(rows, time):
     free = np.array(rows)
-    frames = Frames.of(np.array([0, 1, 0]), np.array([0.0, 0.7, 1.5]), np.array([time]))
+    frames = Frames.from_segments(np.array([0, 1, 0]), np.array([0.0, 0.7, 1.5]), np.array([time]))
     values, derivatives = dominance.jacobian(free, frames)
     assert free[:, 0].min() - 1e-12 <= values[0] <= free[:, 0].max() + 1e-12
     assert np.isfinite(derivatives).all()
     # All targets higher by 1: the trajectory too. All alphas larger: nothing changes.
-    np.testing.assert_allclose(dominance.trajectory(free + np.eye(5)[0], frames), values + 1)
     np.testing.assert_allclose(
-        dominance.trajectory(free + 2 * np.eye(5)[1], frames), values, atol=1e-9
+        dominance.compute_trajectory(free + np.eye(5)[0], frames), values + 1
+    )
+    np.testing.assert_allclose(
+        dominance.compute_trajectory(free + 2 * np.eye(5)[1], frames), values, atol=1e-9
     )
 
 
@@ -191,8 +195,10 @@ def truth(count: int, seed: int, free, names, rate=60.0) -> Corpus:
             segments.append(PhoneSegment(float(begin), float(end), phone, stress or 0))
         phones = PhoneSequence(tuple(segments), phone_set="sv-sta", name=f"u{number:03d}")
         times = np.arange(int(ends[-1] * rate)) / rate
-        frames = Frames.of(np.array(chosen), 10 * 0.5 * (phones.starts + phones.ends), 10 * times)
-        values = np.stack([dominance.trajectory(each, frames) for each in free], axis=1)
+        frames = Frames.from_segments(
+            np.array(chosen), 10 * 0.5 * (phones.starts + phones.ends), 10 * times
+        )
+        values = np.stack([dominance.compute_trajectory(each, frames) for each in free], axis=1)
         tracks = ParameterTracks(names, rate, values, name=phones.name)
         utterances.append(Utterance.from_tracks(tracks, phones))
     return Corpus.from_utterances(utterances, phone_set)
@@ -208,11 +214,11 @@ def test_known_truth_is_found_from_a_neutral_start(rng):
         apart = model.predict_at(utterance.read_phones(), tracks.times) - tracks.values
         spread = np.ptp(tracks.values, axis=0)
         assert (np.sqrt(np.mean(apart**2, axis=0)) < 0.01 * spread).all()
-    found = model.free_parameters()
+    found = model.get_free_parameters()
     assert all((found[name] > 0).all() for name in ("alpha", "theta", "phi", "c"))
     # What was learned is for seconds: eq. 7 with it gives what predict gives.
     utterance = truth(1, 3, free, names).utterances[0]
-    positions = model.symbols_.positions(utterance.read_phones())
+    positions = model.symbols_.indices(utterance.read_phones())
     seconds = np.concatenate(
         [found["target"][0][:, None]]
         + [np.log(found[name][0])[:, None] for name in ("alpha", "theta", "phi", "c")],
@@ -241,7 +247,7 @@ def test_training_falls_until_it_ends_and_early_stopping_keeps_the_best(small_co
         ],
         "sv-sta",
     )
-    model = control.create("cohen-massaro", prior=0.001, tolerance=0.0, patience=2)
+    model = control.create("cohen-massaro", l2=0.001, tol=0.0, patience=2)
     first = small_corpus.parameter_names[0]
     log = [e for e in model.fit(noisy, small_corpus).log_ if e.part == first]
     training = [e.training_error for e in log]
@@ -259,8 +265,8 @@ def test_training_falls_until_it_ends_and_early_stopping_keeps_the_best(small_co
 def test_without_stress_marks_the_stress_changes_nothing(small_corpus):
     phones = spoken("sil 'A: P 'I: sil", 1)
     flat = phones.replace(segments=tuple(dataclasses.replace(s, stress=0) for s in phones))
-    with_stress = control.create("cohen-massaro", iterations=2).fit(small_corpus)
-    without = control.create("cohen-massaro", iterations=2, stress=False).fit(small_corpus)
+    with_stress = control.create("cohen-massaro", max_iter=2).fit(small_corpus)
+    without = control.create("cohen-massaro", max_iter=2, stress=False).fit(small_corpus)
     apart = [
         np.ptp(m.predict(phones).values - m.predict(flat).values) for m in (with_stress, without)
     ]
@@ -271,19 +277,19 @@ def test_without_stress_marks_the_stress_changes_nothing(small_corpus):
 def test_dominances_are_there_for_a_figure(trained, new_phones):
     model = trained("cohen-massaro")
     times = np.linspace(new_phones[0].start, new_phones[-1].end, 200)
-    found = model.dominances(new_phones, times, "jaw_rotation")
+    found = model.compute_dominances(new_phones, times, "jaw_rotation")
     assert found.shape == (200, len(new_phones))
     assert (found >= 0).all()
     assert (found <= 1 + 1e-12).all()
     centres = 0.5 * (new_phones.starts + new_phones.ends)
     np.testing.assert_allclose(times[found.argmax(axis=0)], centres, atol=0.02)
     with pytest.raises(DataError, match="no parameter 'brow'"):
-        model.dominances(new_phones, times, "brow")
+        model.compute_dominances(new_phones, times, "brow")
 
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"iterations": 0}, {"tolerance": -1.0}, {"patience": 0}, {"prior": math.nan}, {"prior": "1"}],
+    [{"max_iter": 0}, {"tol": -1.0}, {"patience": 0}, {"l2": math.nan}, {"l2": "1"}],
 )
 def test_impossible_settings_are_refused(wrong):
     with pytest.raises(ConfigurationError, match=next(iter(wrong))):

@@ -62,11 +62,11 @@ def test_a_model_is_a_dataclass_of_its_settings(name):
     assert model.title
     assert dataclasses.is_dataclass(model)
     for key, value in SETTINGS.get(name, {}).items():
-        assert model.settings[key] == value
+        assert model.get_params()[key] == value
     # Constructors only store arguments.
-    assert {key: getattr(model, key) for key in model.settings} == model.settings
+    assert {key: getattr(model, key) for key in model.get_params()} == model.get_params()
     assert not [key for key in vars(model) if key.endswith("_")]
-    assert control.create(name, **model.settings).settings == model.settings
+    assert control.create(name, **model.get_params()).get_params() == model.get_params()
     with pytest.raises(ConfigurationError, match="no setting 'colour'"):
         control.create(name, colour="red")
 
@@ -220,7 +220,7 @@ def test_a_saved_model_is_the_same_model(name, trained, new_phones, tmp_path):
     first = saved(model, tmp_path)
     loaded = control.load(tmp_path / "model.npz")
     assert type(loaded) is type(model)
-    assert loaded.settings == model.settings
+    assert loaded.get_params() == model.get_params()
     assert loaded.parameter_names_ == model.parameter_names_
     assert loaded.phone_set_.list_symbols() == model.phone_set_.list_symbols()
     assert loaded.rate_ == model.rate_
@@ -513,11 +513,11 @@ def test_a_training_that_fails_leaves_the_model_as_it_was(name, small_corpus, ne
 @every_model
 def test_the_parameters_of_an_untrained_model_are_counted(name, small_corpus):
     model = made(name)
-    if "phone_set" not in model.settings:
+    if "phone_set" not in model.get_params():
         pytest.skip("its parameters do not depend on a phone set")
-    planned = control.create(name, **{**model.settings, "phone_set": "sv-sta"})
+    planned = control.create(name, **{**model.get_params(), "phone_set": "sv-sta"})
     counted = planned.parameter_count
     assert planned.fit(small_corpus).parameter_count == counted
-    czech = control.create(name, **{**model.settings, "phone_set": "cs-ipa"})
+    czech = control.create(name, **{**model.get_params(), "phone_set": "cs-ipa"})
     with pytest.raises(DataError, match=r"sv-sta.*cs-ipa"):
         czech.fit(small_corpus)

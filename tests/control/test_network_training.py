@@ -8,18 +8,17 @@ from control_cases import NAMES, SENTENCES, corpus_of, spoken
 
 from mocap_fit import control
 from mocap_fit.control.model_file import write_model_file
-from mocap_fit.control.networks import look_ahead_sweep
+from mocap_fit.control.networks import sweep_look_ahead
 from mocap_fit.control.networks.examples import (
     Example,
     Scale,
-    batch,
-    examples,
-    in_batches,
-    scale_of,
+    build_batch,
+    load_examples,
+    split_into_batches,
 )
 from mocap_fit.control.networks.features import PhoneInputs
 from mocap_fit.control.networks.frames import FrameNetworks, RunningNetworks
-from mocap_fit.control.networks.recurrent import drawn_weights
+from mocap_fit.control.networks.recurrent import draw_weights
 from mocap_fit.control.networks.stack import Network, Stack
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
@@ -63,7 +62,7 @@ def told_by_networks(texts, groups, hidden, behind=15, ahead=15, seed=5):
         columns = tuple(range(first, first + len(group)))
         networks.append(Network(group[0], columns, size))
         inputs = (behind + 1 + ahead) * 18
-        weights.append(drawn_weights(1, inputs, size, len(group), 5, rng))
+        weights.append(draw_weights(inputs, size, len(group), 5, rng))
         first += len(group)
     truth = FrameNetworks(networks, weights, len(names), behind, ahead)
     utterances = []
@@ -97,7 +96,7 @@ def test_networks_of_the_same_form_are_learned():
     training, test = corpus.hold_out(0.2)
     training, validation = training.hold_out(0.15)
     model = control.create(
-        "ann", groups=groups, hidden_units=8, frames_behind=5, frames_ahead=5, epochs=60,
+        "ann", groups=groups, hidden_units=8, frames_behind=5, frames_ahead=5, max_iter=60,
         learning_rate=0.01,
     )  # fmt: skip
     model.fit(training, validation)
@@ -129,7 +128,7 @@ def test_networks_beat_phone_means_on_new_sentences(name):
 
 
 def test_training_lessens_the_error_of_every_network(small_corpus, small_validation):
-    model = control.create("ann", hidden_units=8, epochs=12, seed=3)
+    model = control.create("ann", hidden_units=8, max_iter=12, random_state=3)
     model.fit(small_corpus, small_validation)
     for network in model.networks:
         own = [entry for entry in model.log_ if entry.part == network.name]
@@ -139,7 +138,7 @@ def test_training_lessens_the_error_of_every_network(small_corpus, small_validat
 
 
 def test_the_weights_of_the_least_validation_error_are_kept(small_corpus, small_validation):
-    model = control.create("ann", hidden_units=8, epochs=25, patience=2, learning_rate=0.03)
+    model = control.create("ann", hidden_units=8, max_iter=25, patience=2, learning_rate=0.03)
     model.fit(small_corpus, small_validation)
     stopped = 0
     for network in model.networks:
@@ -162,7 +161,7 @@ def test_the_weights_of_the_least_validation_error_are_kept(small_corpus, small_
 
 def test_networks_rest_one_by_one(small_corpus, small_validation):
     # What a network learns does not depend on how long the others do.
-    together = control.create("ann", hidden_units=6, epochs=14, patience=2, learning_rate=0.02)
+    together = control.create("ann", hidden_units=6, max_iter=14, patience=2, learning_rate=0.02)
     together.fit(small_corpus, small_validation)
     lengths = [sum(e.part == n.name for e in together.log_) for n in together.networks]
     assert len(set(lengths)) > 1, "all stopped at once: this shows nothing"
@@ -174,7 +173,7 @@ def test_networks_rest_one_by_one(small_corpus, small_validation):
 
 def test_seeds_make_the_model(small_corpus, tmp_path):
     same, again, other = (
-        control.create("ann", hidden_units=4, epochs=2, seed=seed).fit(small_corpus)
+        control.create("ann", hidden_units=4, max_iter=2, random_state=seed).fit(small_corpus)
         for seed in (1, 1, 2)
     )
     assert saved(same, tmp_path / "a") == saved(again, tmp_path / "b")
@@ -182,7 +181,7 @@ def test_seeds_make_the_model(small_corpus, tmp_path):
 
 
 def test_no_epoch_is_no_training(small_corpus, new_phones):
-    model = control.create("ann", hidden_units=4, epochs=0).fit(small_corpus)
+    model = control.create("ann", hidden_units=4, max_iter=0).fit(small_corpus)
     assert {entry.iteration for entry in model.log_} == {0}
     assert np.isfinite(model.predict(new_phones).values).all()
 
@@ -193,7 +192,7 @@ def test_utterances_without_values_do_not_count(small_corpus, tmp_path):
     empty = Utterance.from_tracks(nothing, small_corpus.utterances[0].read_phones())
     more = Corpus.from_utterances([*small_corpus, empty], "sv-sta")
     models = [
-        control.create("ann", hidden_units=4, epochs=2).fit(corpus)
+        control.create("ann", hidden_units=4, max_iter=2).fit(corpus)
         for corpus in (small_corpus, more)
     ]
     for one, other in zip(*(model.weights_[0] for model in models), strict=True):
@@ -214,10 +213,10 @@ def test_drift_between_utterances_can_be_left_alone():
 
     training = Corpus.from_utterances([drifted(utterance) for utterance in training], "sv-sta")
     errors = []
-    for forgiven in (0.0, 0.99):
+    for detrend in (0.0, 0.99):
         model = control.create(
-            "ann", hidden_units=8, frames_behind=5, frames_ahead=5, epochs=25,
-            learning_rate=0.01, forgiven_offset=forgiven,
+            "ann", hidden_units=8, frames_behind=5, frames_ahead=5, max_iter=25,
+            learning_rate=0.01, detrend=detrend,
         ).fit(training)  # fmt: skip
         apart = [
             model.predict_at(u.read_phones(), u.read_tracks().times) - u.read_tracks().values
@@ -238,7 +237,7 @@ class Stopped(Exception):
 def test_a_stopped_training_goes_on_to_the_same_bytes(
     epochs, small_corpus, small_validation, tmp_path
 ):
-    settings = {"hidden_units": (6, 6, 4, 4), "epochs": 12, "patience": 2, "learning_rate": 0.02}
+    settings = {"hidden_units": (6, 6, 4, 4), "max_iter": 12, "patience": 2, "learning_rate": 0.02}
     whole = control.create("ann", **settings).fit(small_corpus, small_validation)
     wanted = saved(whole, tmp_path / "whole")
     path = tmp_path / "checkpoint"
@@ -263,16 +262,16 @@ def test_a_stopped_training_goes_on_to_the_same_bytes(
 
 def test_other_settings_begin_anew(small_corpus, tmp_path):
     path = tmp_path / "checkpoint"
-    control.create("ann", hidden_units=4, epochs=2).fit(small_corpus, checkpoint=path)
+    control.create("ann", hidden_units=4, max_iter=2).fit(small_corpus, checkpoint=path)
     told = []
-    control.create("ann", hidden_units=4, epochs=3).fit(
+    control.create("ann", hidden_units=4, max_iter=3).fit(
         small_corpus, checkpoint=path, progress=told.append
     )
     assert told[0].iteration == 0
 
 
 def test_a_file_that_is_no_checkpoint_stays(small_corpus, tmp_path):
-    model = control.create("ann", hidden_units=4, epochs=1)
+    model = control.create("ann", hidden_units=4, max_iter=1)
     for name in ("model", "other", "text"):
         path = tmp_path / name
         if name == "model":
@@ -299,7 +298,7 @@ def example_of(frames, seed=0):
 
 def test_a_batch_pads_and_counts():
     those = [example_of(5), example_of(9, 1)]
-    made = batch(those, Scale(np.array([1.0, 2.0]), np.array([2.0, 4.0])))
+    made = build_batch(those, Scale(np.array([1.0, 2.0]), np.array([2.0, 4.0])))
     assert made.inputs.shape == (2, 13, 18)
     assert made.counted.sum() == 2 * (5 + 9) - 2
     assert not made.counted[0, 5:].any()
@@ -310,26 +309,26 @@ def test_a_batch_pads_and_counts():
 
 def test_every_example_is_in_one_batch_an_epoch():
     those = [example_of(n) for n in (5, 50, 7, 40, 6, 45, 8)]
-    plain = in_batches(those, 2)
+    plain = split_into_batches(those, 2)
     assert plain[0] == (0, 4)
     for seed in (0, 1):
-        mixed = in_batches(those, 2, np.random.default_rng(seed))
+        mixed = split_into_batches(those, 2, np.random.default_rng(seed))
         assert sorted(i for group in mixed for i in group) == list(range(7))
         assert {len(group) for group in mixed} == {1, 2}
-    assert in_batches(those, 2, np.random.default_rng(0)) != mixed
+    assert split_into_batches(those, 2, np.random.default_rng(0)) != mixed
 
 
 def test_the_scale_of_what_does_not_move_or_is_not_there():
     flat = np.column_stack([np.full(6, 0.3), np.full(6, np.nan), np.arange(6.0)])
-    scale = scale_of([Example(np.zeros((10, 18), np.float32), flat)])
+    scale = Scale.from_examples([Example(np.zeros((10, 18), np.float32), flat)])
     np.testing.assert_allclose(scale.mean, [0.3, 0.0, 2.5])
     np.testing.assert_allclose(scale.deviation, [1.0, 1.0, np.std(np.arange(6.0))])
 
 
 def test_a_network_starts_from_the_same_weights_whatever_is_beside_it():
     own = Network("jaw", (0, 1), 4)
-    alone = Stack.started([own], 36, 5, 5, seed=2)
-    beside = Stack.started([Network("lips", (2, 3, 4), 4), own], 36, 5, 5, seed=2)
+    alone = Stack.from_networks([own], 36, 5, 5, seed=2)
+    beside = Stack.from_networks([Network("lips", (2, 3, 4), 4), own], 36, 5, 5, seed=2)
     np.testing.assert_array_equal(alone.weights.inputs[0], beside.weights.inputs[1])
     np.testing.assert_array_equal(alone.weights.delayed[0], beside.weights.delayed[1])
     assert not beside.weights.outputs[1, :, 2].any()
@@ -341,9 +340,9 @@ def test_a_network_starts_from_the_same_weights_whatever_is_beside_it():
 def test_the_sweep_tells_what_separate_networks_would(small_corpus, small_validation):
     # One sentence has one order.
     small_corpus = small_corpus.select(["s3"])
-    settings = control.create("ann-low-latency", hidden_units=4, epochs=8)
+    settings = control.create("ann-low-latency", hidden_units=4, max_iter=8)
     told = []
-    points = look_ahead_sweep(
+    points = sweep_look_ahead(
         small_corpus, small_validation, frames=(0, 3, 15), settings=settings, progress=told.append
     )
     assert [point.frames for point in points] == [0, 3, 15]
@@ -369,7 +368,7 @@ def test_the_sweep_tells_what_separate_networks_would(small_corpus, small_valida
 
     for point in points:
         alone = control.create(
-            "ann-low-latency", groups={f"{point.frames} ahead": names}, hidden_units=4, epochs=8,
+            "ann-low-latency", groups={f"{point.frames} ahead": names}, hidden_units=4, max_iter=8,
             frames_ahead=point.frames, frames_behind=30 - point.frames,
         )  # fmt: skip
         alone.fit(occlusion(small_corpus), occlusion(small_validation))
@@ -380,8 +379,8 @@ def test_the_sweep_tells_what_separate_networks_would(small_corpus, small_valida
 def test_seeing_ahead_helps_where_the_tracks_move_early():
     corpus = told_by_networks(sentences(24, 12), [("open",)], (6,), behind=2, ahead=4)
     training, held_out = corpus.hold_out(0.2)
-    settings = control.create("ann-low-latency", hidden_units=8, epochs=12, learning_rate=0.01)
-    points = look_ahead_sweep(training, held_out, frames=(0, 2, 6), settings=settings)
+    settings = control.create("ann-low-latency", hidden_units=8, max_iter=12, learning_rate=0.01)
+    points = sweep_look_ahead(training, held_out, frames=(0, 2, 6), settings=settings)
     errors = [point.error for point in points]
     assert errors[0] > 1.2 * errors[1] > 1.2 * errors[2]
     assert all(0 < point.epoch <= 12 for point in points)
@@ -390,17 +389,17 @@ def test_seeing_ahead_helps_where_the_tracks_move_early():
 @pytest.mark.parametrize("frames", [(), (1, 1), (-1,), (31,)])
 def test_impossible_look_aheads_are_refused(frames, small_corpus):
     with pytest.raises(ConfigurationError, match="look-aheads"):
-        look_ahead_sweep(small_corpus, small_corpus, frames=frames)
+        sweep_look_ahead(small_corpus, small_corpus, frames=frames)
 
 
 def test_a_sweep_of_what_is_not_there_is_refused(small_corpus):
     with pytest.raises(DataError, match="brow"):
-        look_ahead_sweep(small_corpus, small_corpus, parameters=("brow",))
+        sweep_look_ahead(small_corpus, small_corpus, parameters=("brow",))
     uneven = control.create("ann-low-latency", hidden_units=(4, 4, 3, 3))
     with pytest.raises(ConfigurationError, match="one size"):
-        look_ahead_sweep(small_corpus, small_corpus, settings=uneven)
+        sweep_look_ahead(small_corpus, small_corpus, settings=uneven)
 
 
 def test_examples_are_those_with_values(small_corpus):
-    assert len(examples(small_corpus, 3, 2)) == len(small_corpus)
+    assert len(load_examples(small_corpus, 3, 2)) == len(small_corpus)
     assert corpus_of(SENTENCES[:1]).parameter_names == NAMES

@@ -10,29 +10,29 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mocap_fit import control
-from mocap_fit.control.networks.examples import example, inner_targets
+from mocap_fit.control.networks.examples import load_example, sample_targets
 from mocap_fit.control.networks.features import (
     INNER_RATE,
     INPUT_NAMES,
     PhoneInputs,
-    lead,
-    phone_inputs,
-    utterance_inputs,
-    windows,
+    compute_phone_inputs,
+    compute_utterance_inputs,
+    count_lead,
+    slice_windows,
 )
 from mocap_fit.control.networks.recurrent import (
-    connections,
-    drawn_weights,
-    errors_and_gradient,
-    hidden_units,
-    network_outputs,
-    without_offsets,
+    compute_errors_and_gradient,
+    compute_hidden,
+    compute_outputs,
+    count_connections,
+    draw_weights,
+    subtract_offsets,
 )
 from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.phones import PhoneSegment, PhoneSequence, load_phone_set
 from mocap_fit.tracks import ParameterTracks
 
-SMALL = {"hidden_units": 5, "epochs": 2}
+SMALL = {"hidden_units": 5, "max_iter": 2}
 
 
 def one(segments):
@@ -65,13 +65,13 @@ def test_contexts_are_the_papers():
 
 
 def test_connections_are_counted_as_the_arrays_are():
-    weights = drawn_weights(1, 12, 4, 3, 5, np.random.default_rng(0))
-    assert sum(array.size for array in weights) == connections(12, 4, 3, 5)
+    weights = draw_weights(12, 4, 3, 5, np.random.default_rng(0))
+    assert sum(array.size for array in weights) == count_connections(12, 4, 3, 5)
 
 
 def test_groups_and_hidden_units_of_ones_own():
     groups = {"lips": NAMES[1:8], "jaw": (NAMES[8], NAMES[0], NAMES[9])}
-    model = control.create("ann", groups=groups, hidden_units=(4, 3), epochs=1)
+    model = control.create("ann", groups=groups, hidden_units=(4, 3), max_iter=1)
     model.fit(corpus_of(SENTENCES[:2]))
     assert [network.columns for network in model.networks] == [tuple(range(1, 8)), (8, 0, 9)]
     assert model.parameter_count == sum(array.size for own in model.weights_ for array in own)
@@ -84,16 +84,16 @@ def test_groups_and_hidden_units_of_ones_own():
         ({"groups": {"lips": NAMES, "jaw": NAMES[:1]}}, "every parameter once"),
         ({"groups": {"lips": NAMES, "jaw": ()}}, "no parameter"),
         ({"hidden_units": (3, 3)}, "hidden units"),
-        ({"hidden_units": 0}, "hidden units"),
+        ({"hidden_units": 0}, "hidden_units"),
         ({"frames_ahead": -1}, "frames_ahead"),
         ({"frames_behind": 1.5}, "frames_behind"),
         ({"delays": 0}, "delays"),
         ({"patience": 0}, "patience"),
         ({"batch_size": 0}, "batch_size"),
         ({"averaging": 1.0}, "averaging"),
-        ({"forgiven_offset": 1.0}, "forgiven_offset"),
+        ({"detrend": 1.0}, "detrend"),
         ({"learning_rate": math.nan}, "learning_rate"),
-        ({"seed": -1}, "seed"),
+        ({"random_state": -1}, "random_state"),
     ],
 )
 def test_impossible_settings_are_refused(wrong, message):
@@ -108,7 +108,7 @@ def test_a_corpus_of_another_phone_set_is_refused():
 
 def test_members_of_an_ensemble_are_averaged(new_phones):
     corpus = corpus_of(SENTENCES[:3])
-    model = control.create("ann-ensemble", members=3, **SMALL).fit(corpus)
+    model = control.create("ann-ensemble", n_estimators=3, **SMALL).fit(corpus)
     assert [network.name for network in model.networks[::4]] == [
         "occlusion",
         "occlusion 2",
@@ -118,7 +118,7 @@ def test_members_of_an_ensemble_are_averaged(new_phones):
     found = []
     for member in range(3):
         alone = control.create("ann", **SMALL).fit(corpus)
-        alone._take(model.weights_[4 * member : 4 * member + 4])
+        alone._set_weights(model.weights_[4 * member : 4 * member + 4])
         found.append(alone.predict(new_phones).values)
     assert np.abs(found[0] - found[1]).max() > 1e-3
     np.testing.assert_allclose(model.predict(new_phones).values, np.mean(found, axis=0), atol=1e-12)
@@ -130,12 +130,12 @@ def test_members_of_an_ensemble_are_averaged(new_phones):
 def test_inputs_are_the_phones_features_and_whether_something_is_spoken():
     chosen = load_phone_set("sv-sta")
     vowel = PhoneSegment(0.0, 0.1, "A:", 1)
-    found = phone_inputs(chosen, vowel)
+    found = compute_phone_inputs(chosen, vowel)
     assert len(INPUT_NAMES) == len(found) == 18
     np.testing.assert_array_equal(found[:-1], chosen.get_features(vowel))
     assert found[-1] == 1.0
-    assert not phone_inputs(chosen, PhoneSegment(0.0, 0.1, "sil")).any()
-    unstressed = phone_inputs(chosen, vowel, stress=False)
+    assert not compute_phone_inputs(chosen, PhoneSegment(0.0, 0.1, "sil")).any()
+    unstressed = compute_phone_inputs(chosen, vowel, stress=False)
     assert np.flatnonzero(found != unstressed).tolist() == [INPUT_NAMES.index("stress")]
 
 
@@ -153,22 +153,22 @@ def test_boundaries_on_a_frame_fall_to_the_phone_that_begins(lengths, start):
     ]
     inputs = PhoneInputs(load_phone_set("sv-sta"), phones=segments)
     times = np.arange(-3, ends[-1] + 3) / INNER_RATE
-    wanted = np.repeat([inputs.row((a + 0.5) / INNER_RATE) for a in ends[:-1]], lengths)
-    np.testing.assert_array_equal(inputs.rows(times), np.pad(wanted, 3))
-    assert [inputs.row(time) for time in times] == inputs.rows(times).tolist()
+    wanted = np.repeat([inputs.index((a + 0.5) / INNER_RATE) for a in ends[:-1]], lengths)
+    np.testing.assert_array_equal(inputs.indices(times), np.pad(wanted, 3))
+    assert [inputs.index(time) for time in times] == inputs.indices(times).tolist()
 
 
 def test_a_window_holds_the_context_oldest_first():
     phones = spoken("sil M 'A: S sil", 4)
     chosen = load_phone_set("sv-sta")
-    inputs = utterance_inputs(phones, chosen, 40, behind=4, ahead=2)
-    seen = windows(inputs, 7)
+    inputs = compute_utterance_inputs(phones, chosen, 40, behind=4, ahead=2)
+    seen = slice_windows(inputs, 7)
     assert seen.shape == (40, 7 * 18)
     looked_up = PhoneInputs(chosen, phones=phones)
     frame = 21
     for place in range(7):
-        time = (frame - lead(2) - 4 + place) / INNER_RATE
-        row = looked_up.table[looked_up.row(time)]
+        time = (frame - count_lead(2) - 4 + place) / INNER_RATE
+        row = looked_up.table[looked_up.index(time)]
         np.testing.assert_array_equal(seen[frame, 18 * place : 18 * (place + 1)], row)
 
 
@@ -177,7 +177,7 @@ def test_targets_are_the_tracks_at_the_inner_rate(rate):
     times = 0.02 + np.arange(int(2 * rate)) / rate
     values = np.sin(2 * np.pi * 1.5 * times[:, None] + np.array([0.0, 1.0]))
     tracks = ParameterTracks(("a", "b"), rate, values, start_time=0.02)
-    found = inner_targets(tracks, -0.1)
+    found = sample_targets(tracks, -0.1)
     inner = -0.1 + np.arange(len(found)) / INNER_RATE
     inside = (inner >= 0.02 - 1e-9) & (inner <= times[-1] + 1e-9)
     assert inside[-1]
@@ -192,7 +192,7 @@ def test_targets_on_the_inner_frames_are_the_values_themselves():
     values = np.random.default_rng(1).normal(size=(50, 3))
     values[7, 1] = np.nan
     tracks = ParameterTracks(("a", "b", "c"), 60.0, values, start_time=0.5)
-    found = inner_targets(tracks, 0.5 - 4 / 60)
+    found = sample_targets(tracks, 0.5 - 4 / 60)
     assert np.isnan(found[:4]).all()
     np.testing.assert_allclose(found[4:], values, atol=1e-9)
 
@@ -200,11 +200,11 @@ def test_targets_on_the_inner_frames_are_the_values_themselves():
 def test_targets_end_where_the_tracks_do_whatever_the_phones_say():
     corpus = corpus_of(SENTENCES[:1])
     utterance = corpus.utterances[0]
-    whole = example(utterance, corpus, 3, 2)
+    whole = load_example(utterance, corpus, 3, 2)
     assert len(whole.inputs) == len(whole.targets) + 5
-    assert len(inner_targets(utterance.read_tracks(), 100.0)) == 0
+    assert len(sample_targets(utterance.read_tracks(), 100.0)) == 0
     single = ParameterTracks(NAMES, RATE, np.ones((1, 10)))
-    np.testing.assert_array_equal(inner_targets(single, 0.0), np.ones((1, 10)))
+    np.testing.assert_array_equal(sample_targets(single, 0.0), np.ones((1, 10)))
 
 
 # -- the networks ------------------------------------------------------------------------------
@@ -228,7 +228,7 @@ def plainly(weights, network, seen):
 
 def problem(seed=3):
     rng = np.random.default_rng(seed)
-    weights = drawn_weights(2, 14, 4, 3, 5, rng)
+    weights = draw_weights(14, 4, 3, 5, rng, 2)
     weights = weights._replace(
         hidden_bias=rng.normal(size=(2, 1, 4)), output_bias=rng.normal(size=(2, 1, 3))
     )
@@ -240,7 +240,7 @@ def problem(seed=3):
 
 def test_stacked_networks_are_the_plain_ones():
     weights, seen, _, _ = problem()
-    found = network_outputs(weights, hidden_units(weights, seen)[:, :, weights.delays :])
+    found = compute_outputs(weights, compute_hidden(weights, seen)[:, :, weights.delays :])
     for network in range(2):
         for sentence in range(3):
             wanted = plainly(weights, network, seen[sentence])
@@ -249,22 +249,22 @@ def test_stacked_networks_are_the_plain_ones():
 
 def test_a_run_can_be_gone_on_with():
     weights, seen, _, _ = problem()
-    whole = hidden_units(weights, seen)
-    first = hidden_units(weights, seen[:, :6])
-    second = hidden_units(weights, seen[:, 6:], first[:, :, -weights.delays :])
+    whole = compute_hidden(weights, seen)
+    first = compute_hidden(weights, seen[:, :6])
+    second = compute_hidden(weights, seen[:, 6:], first[:, :, -weights.delays :])
     np.testing.assert_allclose(second, whole[:, :, 6:], atol=1e-12)
 
 
-@pytest.mark.parametrize("forgiven", [0.0, 0.9])
-def test_gradients_agree_with_finite_differences(forgiven):
+@pytest.mark.parametrize("detrend", [0.0, 0.9])
+def test_gradients_agree_with_finite_differences(detrend):
     weights, seen, targets, counted = problem()
     counts = counted.sum(axis=(1, 2, 3))
 
     def error(changed):
-        squares, _ = errors_and_gradient(changed, seen, targets, counted, forgiven)
+        squares, _ = compute_errors_and_gradient(changed, seen, targets, counted, detrend)
         return float((squares.sum(axis=1) / counts).sum())
 
-    _, gradient = errors_and_gradient(weights, seen, targets, counted, forgiven)
+    _, gradient = compute_errors_and_gradient(weights, seen, targets, counted, detrend)
     rng = np.random.default_rng(0)
     for kind, slope in enumerate(gradient):
         for _ in range(12):
@@ -279,13 +279,13 @@ def test_gradients_agree_with_finite_differences(forgiven):
 
 def test_errors_count_only_what_counts():
     weights, seen, targets, counted = problem()
-    squares, gradient = errors_and_gradient(weights, seen, targets, counted)
+    squares, gradient = compute_errors_and_gradient(weights, seen, targets, counted)
     other = np.where(counted > 0, targets, 99.0)
-    again, same = errors_and_gradient(weights, seen, other, counted)
+    again, same = compute_errors_and_gradient(weights, seen, other, counted)
     np.testing.assert_allclose(again, squares, atol=1e-12)
     for one_slope, other_slope in zip(gradient, same, strict=True):
         np.testing.assert_allclose(other_slope, one_slope, atol=1e-12)
-    found = network_outputs(weights, hidden_units(weights, seen)[:, :, weights.delays :])
+    found = compute_outputs(weights, compute_hidden(weights, seen)[:, :, weights.delays :])
     wanted = (((found - targets) * counted) ** 2).sum(axis=(1, 2))
     np.testing.assert_allclose(squares, wanted, atol=1e-12)
 
@@ -294,12 +294,12 @@ def test_what_is_forgiven_is_a_sentences_mean():
     rng = np.random.default_rng(2)
     counted = (rng.random((1, 3, 20, 2)) < 0.7).astype(float)
     difference = rng.normal(size=counted.shape) * counted
-    assert without_offsets(difference, counted, 0.0) is difference
-    kept = without_offsets(difference, counted, 1.0)
+    assert subtract_offsets(difference, counted, 0.0) is difference
+    kept = subtract_offsets(difference, counted, 1.0)
     np.testing.assert_allclose(kept.sum(axis=2), 0.0, atol=1e-12)
     wanted = difference - difference.sum(axis=2, keepdims=True) / counted.sum(axis=2, keepdims=True)
     np.testing.assert_allclose(kept, wanted * counted, atol=1e-12)
-    assert not without_offsets(np.zeros((1, 1, 4, 1)), np.zeros((1, 1, 4, 1)), 0.5).any()
+    assert not subtract_offsets(np.zeros((1, 1, 4, 1)), np.zeros((1, 1, 4, 1)), 0.5).any()
 
 
 # -- predictions, whole and live ---------------------------------------------------------------
@@ -308,11 +308,11 @@ def test_what_is_forgiven_is_a_sentences_mean():
 def test_predictions_are_those_of_the_plain_networks(low_latency, new_phones):
     model = low_latency
     frames = 40
-    inputs = utterance_inputs(new_phones, model.phone_set_, lead(2) + frames, 28, 2)
-    seen = windows(inputs, 31)
+    inputs = compute_utterance_inputs(new_phones, model.phone_set_, count_lead(2) + frames, 28, 2)
+    seen = slice_windows(inputs, 31)
     found = model.predict(new_phones, 60.0, frames=frames).values
     for network, weights in zip(model.networks, model.weights_, strict=True):
-        wanted = plainly(weights, 0, seen)[lead(2) :]
+        wanted = plainly(weights, 0, seen)[count_lead(2) :]
         np.testing.assert_allclose(found[:, list(network.columns)], wanted, atol=1e-10)
 
 

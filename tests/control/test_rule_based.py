@@ -50,7 +50,7 @@ def frames_of(model, phones, position):
 @pytest.mark.parametrize("name", LISTED)
 def test_bilabials_close_the_lips_on_every_one(name, gap):
     phone_set = load_phone_set(name)
-    model = RuleBased().ready(name)
+    model = RuleBased().prepare(name)
     vowels = [p.symbol for p in phone_set.phones if p.kind == "vowel"]
     long = [said([phone_set.silence, v, phone_set.silence], name, 0.2) for v in vowels]
     centres = [model.predict_at(phones, np.array([0.3]))[0] for phones in long]
@@ -70,7 +70,7 @@ def test_bilabials_close_the_lips_on_every_one(name, gap):
 @pytest.mark.parametrize("name", LISTED)
 def test_labiodentals_bring_the_lower_lip_to_the_teeth(name, gap):
     phone_set = load_phone_set(name)
-    model = RuleBased().ready(name)
+    model = RuleBased().prepare(name)
     at = {n: k for k, n in enumerate(ARTICULATORY_PARAMETERS)}
     open_vowel = max(
         (p for p in phone_set.phones if p.kind == "vowel"), key=lambda p: p.values["open"]
@@ -91,7 +91,7 @@ def test_labiodentals_bring_the_lower_lip_to_the_teeth(name, gap):
 @pytest.mark.parametrize("name", LISTED)
 def test_open_vowels_open_and_rounded_ones_round(name):
     phone_set = load_phone_set(name)
-    model = RuleBased().ready(name)
+    model = RuleBased().prepare(name)
     single = [p for p in phone_set.phones if p.kind == "vowel" and len(model.table_.parts(p)) == 1]
     jaw, rounding = [], []
     for phone in single:
@@ -107,7 +107,7 @@ def test_open_vowels_open_and_rounded_ones_round(name):
 
 def test_what_is_not_specified_goes_from_context_to_context():
     """V1 CCC V2 with V1 spread and V2 rounded, the paper's example (section 1.2)."""
-    model = RuleBased().ready("sv-sta")
+    model = RuleBased().prepare("sv-sta")
     phones = said(["I:", "S", "T", "K", "O:"], "sv-sta", 0.1)
     rounding = ARTICULATORY_PARAMETERS.index("lip_rounding")
     times = np.linspace(0.05, 0.45, 41)
@@ -123,7 +123,7 @@ def test_parameters_that_nothing_specifies_rest(trained):
     model = trained("rule-based")
     shift = ARTICULATORY_PARAMETERS.index("jaw_shift")
     assert not model.predict(said(["A:", "P"], "sv-sta")).values[:, shift].any()
-    other = RuleBased().ready("sv-sta", ("brow", "jaw_rotation"))
+    other = RuleBased().prepare("sv-sta", ("brow", "jaw_rotation"))
     tracks = other.predict(said(["A:", "P"], "sv-sta"))
     assert tracks.names == ("brow", "jaw_rotation")
     assert not tracks.values[:, 0].any()
@@ -132,14 +132,14 @@ def test_parameters_that_nothing_specifies_rest(trained):
 
 def test_movements_are_smooth():
     phones = spoken("sil S T R 'Å: P A F 'A N sil", 4)
-    values = RuleBased().ready("sv-sta").predict(phones, 1000.0).values
+    values = RuleBased().prepare("sv-sta").predict(phones, 1000.0).values
     speed = np.abs(np.diff(values, axis=0)) * 1000
     assert speed.max() < 20.0
     assert np.abs(np.diff(values, 2, axis=0)).max() < 0.2 * np.abs(np.diff(values, axis=0)).max()
 
 
 def test_vowels_without_stress_move_less():
-    model = RuleBased().ready("sv-sta")
+    model = RuleBased().prepare("sv-sta")
     stressed, unstressed, unmarked = (
         said(["sil", label, "sil"], "sv-sta", 0.2) for label in ("'A:", "A:", "A:")
     )
@@ -150,12 +150,12 @@ def test_vowels_without_stress_move_less():
     ]
     assert jaws[0] == jaws[2]
     assert 0.5 * jaws[0] < jaws[1] < 0.95 * jaws[0]
-    deaf = RuleBased(stress=False).ready("sv-sta")
+    deaf = RuleBased(stress=False).prepare("sv-sta")
     assert deaf.predict_at(unstressed.replace(segments=flat), np.array([0.3]))[0, 0] == jaws[0]
 
 
 def test_a_diphthong_moves_from_one_target_to_the_other():
-    model = RuleBased().ready("en-arpabet")
+    model = RuleBased().prepare("en-arpabet")
     phones = said(["sil", "AW1", "sil"], "en-arpabet", 0.3)
     rounding = model.predict_at(phones, np.array([0.375, 0.525]))[:, 1]
     jaw = model.predict_at(phones, np.array([0.375, 0.525]))[:, 0]
@@ -175,7 +175,7 @@ def test_every_sound_of_the_languages_tables_is_one_that_the_sets_have():
 
 def test_other_languages_are_looked_up_by_features():
     own = dataclasses.replace(load_phone_set("sv-sta"), language="fi")
-    model = RuleBased().ready(own)
+    model = RuleBased().prepare(own)
     assert not model.table_.phones
     phones = said(["A", "P", "A"], "sv-sta")
     jaw, depression = (
@@ -187,7 +187,7 @@ def test_other_languages_are_looked_up_by_features():
 
 
 def test_ready_needs_no_corpus_and_keeps_what_it_is_told(tmp_path):
-    model = control.create("rule-based").ready("cs-sampa", rate=25.0)
+    model = control.create("rule-based").prepare("cs-sampa", rate=25.0)
     assert model.is_fitted
     assert model.parameter_count == 0
     tracks = model.predict(said(["a", "p", "a"], "cs-sampa"))
@@ -205,7 +205,7 @@ def test_a_table_of_ones_own(tmp_path):
         '"a" = [0.9, "-"]\n"p" = ["!0.1", 1.0]\n"aʊ" = [[0.9, 0.0], [0.2, 1.0]]\n',
         encoding="utf-8",
     )
-    model = RuleBased(rules=str(file)).ready("sv-sta", ("jaw_rotation", "brow"))
+    model = RuleBased(rules=str(file)).prepare("sv-sta", ("jaw_rotation", "brow"))
     row = model.predict_at(said(["A", "P", "A"], "sv-sta"), np.array([0.04, 0.12]))
     np.testing.assert_allclose(row, [[0.9, 1.0], [0.1, 1.0]], atol=1e-9)
     moving = model.predict_at(said(["AU"], "sv-sta", 0.4), np.array([0.1, 0.3]))
@@ -230,9 +230,9 @@ def test_a_wrong_table_is_refused_with_its_place(tmp_path, text, told):
     file = tmp_path / "own.toml"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(ConfigurationError, match=rf"own\.toml[\s\S]*{told}|{told}[\s\S]*own\.toml"):
-        RuleBased(rules=str(file)).ready("sv-sta")
+        RuleBased(rules=str(file)).prepare("sv-sta")
 
 
 def test_a_table_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such table"):
-        RuleBased(rules=str(tmp_path / "none.toml")).ready("sv-sta")
+        RuleBased(rules=str(tmp_path / "none.toml")).prepare("sv-sta")

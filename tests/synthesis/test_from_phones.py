@@ -20,7 +20,7 @@ def said(symbols: str, phone_set: str = "en-arpabet", start: float = 0.3) -> Pho
 
 @pytest.fixture(scope="module")
 def english() -> RuleBased:
-    return RuleBased().ready("en-arpabet")
+    return RuleBased().prepare("en-arpabet")
 
 
 def test_frames_are_on_the_clock_of_the_phones(english):

@@ -73,7 +73,7 @@ class Chosen:
     values: list[float]
 
 
-@dataclass
+@dataclass(eq=False, repr=False)
 class Cart(ControlModel):
     """Selection of articulatory targets by regression trees (Krňoul & Železný section 5.1).
 
@@ -161,13 +161,23 @@ class Cart(ControlModel):
     hold: float = 0.5
     seed: int = 0
 
-    @property
-    def settings(self) -> dict[str, Any]:
-        """The constructor's arguments; of a table of questions its text and not its place."""
-        found = super().settings
-        found["questions"] = self._table()[0]
-        found["closures"] = dict(self.closures)
-        return found
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """Return the settings of the model, with the text of a table of questions for its path.
+
+        Parameters
+        ----------
+        deep
+            No effect: no setting is a model itself.
+
+        Returns
+        -------
+        dict[str, Any]
+            The constructor's arguments by name.
+        """
+        return super().get_params() | {
+            "questions": self._table()[0],
+            "closures": dict(self.closures),
+        }
 
     def _table(self) -> tuple[str, str | None]:
         """The text of the user's questions, and the file that it is from."""
@@ -438,6 +448,7 @@ class Cart(ControlModel):
         return CentreStream(
             self.predict_at,
             self.rate_ if rate is None else rate,
+            len(self.parameter_names_),
             self.phones_ahead,
             self._reach_of(-1) + 1,
             smoothing_reach(self.smoothing),

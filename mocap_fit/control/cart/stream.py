@@ -5,24 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-import numpy as np
-
-from mocap_fit.control.streaming import Stream
-from mocap_fit.phones import PhoneSegment, PhoneSequence
+from mocap_fit.control.streaming import WindowStream
+from mocap_fit.phones import PhoneSequence
 from mocap_fit.tracks import FloatArray
 
 
-class CentreStream(Stream):
+class CentreStream(WindowStream):
     """A stream whose look-ahead is a number of phones, not a time.
 
     Parameters
     ----------
     predict_at
-        Of the model.
+        The method of the model.
     rate
-        Frames per second.
+        Frames per second, hertz.
+    parameters
+        Number of face parameters.
     ahead
-        How many phones after a segment must be known for the curve to be sure up to its centre.
+        How many phones after a segment must be known for the curve to be known up to its centre.
     behind
         How many phones before a segment matter for the curve after its centre.
     reach
@@ -33,35 +33,18 @@ class CentreStream(Stream):
         self,
         predict_at: Callable[[PhoneSequence, FloatArray], FloatArray],
         rate: float,
+        parameters: int,
         ahead: int,
         behind: int,
         reach: float,
     ) -> None:
-        super().__init__(rate)
-        self._predict_at = predict_at
+        super().__init__(predict_at, rate, parameters, math.inf, math.inf)
         self._ahead, self._behind, self._reach = ahead, behind, reach
-        self._segments: list[PhoneSegment] = []
-        self._given = 0
-        self._width = 0
 
-    def _push(self, segment: PhoneSegment) -> None:
-        self._segments.append(segment)
+    def _find_known_end(self) -> float:
+        last = len(self._segments) - 1 - self._ahead
+        return self._segments[last].centre - self._reach if last >= 0 else -math.inf
 
-    def _pull(self, ended: bool) -> FloatArray:
-        if self.start_time is None:
-            return np.zeros((0, self._width))
-        sure = len(self._segments) - 1 - self._ahead
-        until = self.start_time
-        if ended:
-            until = self._segments[-1].end
-        elif sure >= 0:
-            until = self._segments[sure].centre - self._reach
-        last = max(self._given, math.ceil((until - self.start_time) * self.rate - 1e-6))
-        times = self.start_time + np.arange(self._given, last) / self.rate
-        if len(times):
-            earliest = float(times[0]) - self._reach
-            passed = sum(segment.centre <= earliest for segment in self._segments)
-            del self._segments[: max(passed - 1 - self._behind, 0)]
-        values = self._predict_at(PhoneSequence(tuple(self._segments)), times)
-        self._given, self._width = last, values.shape[1]
-        return values
+    def _count_passed(self, time: float) -> int:
+        passed = sum(segment.centre <= time - self._reach for segment in self._segments)
+        return max(passed - 1 - self._behind, 0)

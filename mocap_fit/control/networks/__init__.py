@@ -1,6 +1,6 @@
 """Recurrent networks from phones to face parameters: ANN 1 and ANN 2 (Beskow 4.4 and 4.5)."""
 
-from mocap_fit.control.networks.look_ahead_sweep import SweepPoint, look_ahead_sweep
+from mocap_fit.control.networks.look_ahead_sweep import SweepPoint, sweep_look_ahead
 from mocap_fit.control.networks.models import (
     LowLatencyNetworks,
     NetworkEnsemble,
@@ -12,5 +12,5 @@ __all__ = [
     "NetworkEnsemble",
     "SweepPoint",
     "SymmetricNetworks",
-    "look_ahead_sweep",
+    "sweep_look_ahead",
 ]

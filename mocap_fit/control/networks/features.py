@@ -1,4 +1,4 @@
-"""What a network hears: phonetic features of every inner frame, by table look-up."""
+"""The inputs of a network: phonetic features of every inner frame, by table look-up."""
 
 from __future__ import annotations
 
@@ -24,22 +24,24 @@ INPUT_NAMES = (*FEATURE_NAMES, "speech")
 BOUNDARY_TOLERANCE = 1e-8
 
 
-def phone_inputs(phone_set: PhoneSet, segment: PhoneSegment, stress: bool = True) -> FloatArray:
-    """The inputs of one phone.
+def compute_phone_inputs(
+    phone_set: PhoneSet, segment: PhoneSegment, stress: bool = True
+) -> FloatArray:
+    """Return the inputs of one phone.
 
     Parameters
     ----------
     phone_set
-        What the segment is written in.
+        The phone set of the segment.
     segment
         The phone.
     stress
-        Whether stress is told; else its feature is 0.
+        Whether stress is an input; else its feature is 0.
 
     Returns
     -------
     FloatArray
-        `(18,)`, in the order of `INPUT_NAMES`; silence is all zeros.
+        Inputs, ``(18,)``, in the order of `INPUT_NAMES`; silence is all zeros.
     """
     inputs = np.zeros(len(INPUT_NAMES))
     if phone_set.is_silence(segment):
@@ -57,11 +59,11 @@ class PhoneInputs:
     Parameters
     ----------
     phone_set
-        What the phones are written in.
+        The phone set of the phones.
     stress
-        Whether stress is told.
+        Whether stress is an input.
     phones
-        Those that are known from the beginning.
+        The phones that are known from the beginning.
     """
 
     def __init__(
@@ -79,19 +81,31 @@ class PhoneInputs:
             self.add(segment)
 
     def add(self, segment: PhoneSegment) -> None:
-        """Add the next phone."""
+        """Add the next phone.
+
+        Parameters
+        ----------
+        segment
+            The phone.
+        """
         if not self._starts:
             self.start_time = segment.start
         key = (segment.phone, segment.stress)
         if key not in self._rows:
             self._rows[key] = len(self._table)
-            self._table.append(phone_inputs(self._phone_set, segment, self._stress))
+            self._table.append(compute_phone_inputs(self._phone_set, segment, self._stress))
         self._starts.append(segment.start - self.start_time)
         self._ends.append(segment.end - self.start_time)
         self._of_segment.append(self._rows[key])
 
     def forget_before(self, time: float) -> None:
-        """Drop phones that end before a time, in seconds from the start."""
+        """Drop phones that end before a time.
+
+        Parameters
+        ----------
+        time
+            Time from the start, seconds.
+        """
         first = 0
         while first < len(self._ends) - 1 and self._ends[first] < time:
             first += 1
@@ -104,45 +118,67 @@ class PhoneInputs:
 
     @property
     def table(self) -> FloatArray:
-        """`(rows, 18)`: the inputs of the different phones; the first row is silence."""
+        """The inputs of the different phones, ``(rows, 18)``; the first row is silence."""
         return np.array(self._table)
 
-    def row(self, time: float) -> int:
-        """The row of `table` that is heard at one time, in seconds from the start."""
-        reached = time + BOUNDARY_TOLERANCE
-        found = bisect.bisect_right(self._starts, reached) - 1
-        return self._of_segment[found] if found >= 0 and reached < self._ends[found] else 0
+    def index(self, time: float) -> int:
+        """Return the row of `table` of the phone at one time.
 
-    def rows(self, times: FloatArray) -> NDArray[np.intp]:
-        """The rows of `table` that are heard.
+        Parameters
+        ----------
+        time
+            Time from the start, seconds.
+
+        Returns
+        -------
+        int
+            The row; 0 where nothing is labelled.
+        """
+        reached = time + BOUNDARY_TOLERANCE
+        segment = bisect.bisect_right(self._starts, reached) - 1
+        is_inside = segment >= 0 and reached < self._ends[segment]
+        return self._of_segment[segment] if is_inside else 0
+
+    def indices(self, times: FloatArray) -> NDArray[np.intp]:
+        """Return the rows of `table` of the phones at some times.
 
         Parameters
         ----------
         times
-            `(times,)`, seconds from the start.
+            Seconds from the start, ``(times,)``.
 
         Returns
         -------
         NDArray[np.intp]
-            `(times,)`; 0 where nothing is labelled.
+            Rows, ``(times,)``; 0 where nothing is labelled.
         """
         if not self._starts:
             return np.zeros(len(times), dtype=np.intp)
         reached = times + BOUNDARY_TOLERANCE
-        found = np.searchsorted(self._starts, reached, side="right") - 1
-        inside = (found >= 0) & (reached < np.asarray(self._ends)[np.maximum(found, 0)])
-        return np.where(inside, np.asarray(self._of_segment)[found], 0)
+        segments = np.searchsorted(self._starts, reached, side="right") - 1
+        inside = (segments >= 0) & (reached < np.asarray(self._ends)[np.maximum(segments, 0)])
+        return np.where(inside, np.asarray(self._of_segment)[segments], 0)
 
 
-def lead(ahead: int) -> int:
-    """How many inner frames before the first phone the networks begin.
+def count_lead(ahead: int) -> int:
+    """Return the number of inner frames by which the networks begin before the first phone.
 
     The first of them sees silence alone: what comes before it is like it.
+
+    Parameters
+    ----------
+    ahead
+        Frames of context after a frame.
+
+    Returns
+    -------
+    int
+        Number of frames.
     """
     return ahead + 1
 
 
-def utterance_inputs(
+def compute_utterance_inputs(
     phones: PhoneSequence,
     phone_set: PhoneSet,
     frames: int,
@@ -150,46 +186,48 @@ def utterance_inputs(
     ahead: int,
     stress: bool = True,
 ) -> FloatArray:
-    """The inputs of an utterance's inner frames and of the context round them.
+    """Return the inputs of an utterance's inner frames and of their context.
 
     Parameters
     ----------
     phones
-        The utterance.
+        The phones of the utterance.
     phone_set
-        What they are written in.
+        The phone set of the phones.
     frames
-        Inner frames, from `lead` before the start of the first phone.
-    behind, ahead
-        Frames of context before the first and after the last.
+        Number of inner frames, from `count_lead` before the start of the first phone.
+    behind
+        Frames of context before the first.
+    ahead
+        Frames of context after the last.
     stress
-        Whether stress is told.
+        Whether stress is an input.
 
     Returns
     -------
     FloatArray
-        `(behind + frames + ahead, 18)`.
+        Inputs, ``(behind + frames + ahead, 18)``.
     """
     inputs = PhoneInputs(phone_set, stress, phones)
-    first = -lead(ahead) - behind
+    first = -count_lead(ahead) - behind
     times = np.arange(first, first + behind + frames + ahead) / INNER_RATE
-    return inputs.table[inputs.rows(times)]
+    return inputs.table[inputs.indices(times)]
 
 
-def windows(inputs: np.ndarray, context: int) -> np.ndarray:
-    """What the input layer sees of each frame: the inputs of its context, the oldest first.
+def slice_windows(inputs: np.ndarray, context: int) -> np.ndarray:
+    """Return what the input layer sees of each frame: the inputs of its context, oldest first.
 
     Parameters
     ----------
     inputs
-        `(..., frames + context - 1, inputs)`.
+        Inputs of frames and context, ``(..., frames + context - 1, inputs)``.
     context
         Frames of a window, the present one and both sides.
 
     Returns
     -------
-    np.ndarray
-        `(..., frames, context · inputs)`.
+    ndarray
+        Inputs, ``(..., frames, context · inputs)``.
     """
     seen = np.lib.stride_tricks.sliding_window_view(inputs, context, axis=-2)
     seen = np.moveaxis(seen, -1, -2)

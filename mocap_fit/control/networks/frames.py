@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mocap_fit.control.networks.features import INNER_RATE, PhoneInputs, lead
+from mocap_fit.control.networks.features import INNER_RATE, PhoneInputs, count_lead
 from mocap_fit.control.networks.recurrent import Weights
 from mocap_fit.control.networks.stack import Network
 from mocap_fit.control.streaming import Stream
@@ -26,15 +26,17 @@ class FrameNetworks:
     Parameters
     ----------
     networks
-        What each predicts.
+        The networks.
     weights
-        Of each, a stack of one, in the unit of the corpus.
+        Weights of each, a stack of one, in the unit of the corpus.
     parameters
-        Parameters of the corpus.
-    behind, ahead
-        Frames of context.
-    members
-        How many networks predict each parameter; what they say is averaged.
+        Number of parameters of the corpus.
+    behind
+        Frames of context before a frame.
+    ahead
+        Frames of context after a frame.
+    estimators
+        Number of networks that predict each parameter; their outputs are averaged.
     """
 
     def __init__(
@@ -44,7 +46,7 @@ class FrameNetworks:
         parameters: int,
         behind: int,
         ahead: int,
-        members: int = 1,
+        estimators: int = 1,
     ) -> None:
         self.behind, self.ahead, self.parameters = behind, ahead, parameters
         self.delays = weights[0].delays
@@ -53,34 +55,34 @@ class FrameNetworks:
         self.parts = [
             slice(int(end) - size, int(end)) for end, size in zip(ends, self.hidden, strict=True)
         ]
-        self.delayed = [np.ascontiguousarray(own.delayed[0], np.float64) for own in weights]
-        self.bias = np.concatenate([own.hidden_bias[0, 0] for own in weights]).astype(np.float64)
-        # One output layer for all: what a network does not predict it does not touch.
+        self.delayed = [np.ascontiguousarray(each.delayed[0], np.float64) for each in weights]
+        self.bias = np.concatenate([each.hidden_bias[0, 0] for each in weights]).astype(np.float64)
+        # One output layer for all: 0 from a network to what it does not predict.
         self.outputs = np.zeros((len(self.bias), parameters))
         self.output_bias = np.zeros(parameters)
-        for network, own, part in zip(networks, weights, self.parts, strict=True):
-            self.outputs[part, list(network.columns)] = own.outputs[0] / members
-            self.output_bias[list(network.columns)] += own.output_bias[0, 0] / members
+        for network, each, part in zip(networks, weights, self.parts, strict=True):
+            self.outputs[part, list(network.columns)] = each.outputs[0] / estimators
+            self.output_bias[list(network.columns)] += each.output_bias[0, 0] / estimators
         context = behind + 1 + ahead
-        side_by_side = np.concatenate([own.inputs[0] for own in weights], axis=1)
-        # `(inputs, context · hidden)`: what an input does at every place of the context.
-        by_place = side_by_side.reshape(context, -1, len(self.bias)).transpose(1, 0, 2)
-        self._by_place = np.ascontiguousarray(by_place, np.float64).reshape(by_place.shape[0], -1)
+        side_by_side = np.concatenate([each.inputs[0] for each in weights], axis=1)
+        # Weights of an input at every position of the context, (inputs, context · hidden).
+        weights_of = side_by_side.reshape(context, -1, len(self.bias)).transpose(1, 0, 2)
+        self._inputs = np.ascontiguousarray(weights_of, np.float64).reshape(len(weights_of), -1)
 
-    def effects(self, inputs: FloatArray) -> FloatArray:
-        """What a phone does to the hidden units at every place of the context.
+    def compute_effects(self, inputs: FloatArray) -> FloatArray:
+        """Return what a phone adds to the hidden units at every position of the context.
 
         Parameters
         ----------
         inputs
-            `(18,)`: of the phone.
+            Inputs of the phone, ``(18,)``.
 
         Returns
         -------
         FloatArray
-            `(context, hidden)`: of all networks.
+            Sums for all networks, ``(context, hidden)``.
         """
-        return (inputs @ self._by_place).reshape(-1, len(self.bias))
+        return (inputs @ self._inputs).reshape(-1, len(self.bias))
 
 
 class RunningNetworks:
@@ -89,7 +91,7 @@ class RunningNetworks:
     Parameters
     ----------
     networks
-        What runs.
+        The trained networks.
     inputs
         The phones that are known; others may be added to it.
     """
@@ -100,30 +102,30 @@ class RunningNetworks:
         # Effects of the phones, of which the first is silence, in a table that grows.
         self._effects = np.zeros((8, context, len(networks.bias)))
         self._known = 0
-        self._places = np.arange(context)
-        self._heard = np.zeros(context, dtype=np.intp)
+        self._positions = np.arange(context)
+        self._phones = np.zeros(context, dtype=np.intp)
         self._rows = [
             np.zeros((networks.delays + _ROW) * size, np.float64) for size in networks.hidden
         ]
         self._at = 0
         self._units = np.zeros(len(networks.bias))
-        self._next = -lead(networks.ahead)
+        self._next = -count_lead(networks.ahead)
         self._output = np.zeros(networks.parameters)
 
-    def _learn_phones(self) -> None:
+    def _update_effects(self) -> None:
         table = self._inputs.table
         while self._known < len(table):
             if self._known == len(self._effects):
                 self._effects = np.concatenate([self._effects, np.zeros_like(self._effects)])
-            self._effects[self._known] = self._networks.effects(table[self._known])
+            self._effects[self._known] = self._networks.compute_effects(table[self._known])
             self._known += 1
 
     def _drive(self, row: int) -> FloatArray:
-        """What the hidden units of the next frame get, `(hidden,)`, if a phone is last in sight."""
+        """Return the hidden units of the next frame, ``(hidden,)``, if a phone is last in sight."""
         if row >= self._known or not self._known:
-            self._learn_phones()
-        self._heard[-1] = row
-        driven: FloatArray = self._effects[self._heard, self._places].sum(axis=0)
+            self._update_effects()
+        self._phones[-1] = row
+        driven: FloatArray = self._effects[self._phones, self._positions].sum(axis=0)
         driven += self._networks.bias
         for part, size, delayed, past in zip(
             self._networks.parts,
@@ -136,15 +138,15 @@ class RunningNetworks:
             driven[part] += past[first : first + self._networks.delays * size] @ delayed
         return np.tanh(driven, out=driven)
 
-    def _out(self, units: FloatArray) -> FloatArray:
-        found: FloatArray = units @ self._networks.outputs
-        found += self._networks.output_bias
-        return found
+    def _compute_output(self, units: FloatArray) -> FloatArray:
+        output: FloatArray = units @ self._networks.outputs
+        output += self._networks.output_bias
+        return output
 
     def _advance(self) -> None:
-        """One inner frame on."""
+        """Advance by one inner frame."""
         networks = self._networks
-        row = self._inputs.row((self._next + networks.ahead) / INNER_RATE)
+        row = self._inputs.index((self._next + networks.ahead) / INNER_RATE)
         units = self._drive(row)
         if self._at == _ROW:
             for past, size in zip(self._rows, networks.hidden, strict=True):
@@ -154,69 +156,67 @@ class RunningNetworks:
             first = (self._at + networks.delays) * size
             past[first : first + size] = units[part]
         self._at += 1
-        self._heard[:-1] = self._heard[1:]
-        self._output = self._out(units)
+        self._phones[:-1] = self._phones[1:]
+        self._output = self._compute_output(units)
         self._next += 1
 
     def at(self, time: float, last: float = math.inf) -> FloatArray:
-        """The parameters at a time, `(parameters,)`, which is not before the last one asked for.
+        """Return the parameters at a time, which is not before that of the last call.
 
-        On an inner frame it is the frame's. Between two it lies on the line to what the next
+        On an inner frame they are the frame's. Between two they lie on the line to what the next
         would be if the phone that is last in sight now, ``ahead`` frames on, were so then. So no
         phone that lies further ahead is needed, whatever the time.
 
         Parameters
         ----------
         time
-            Seconds from the start of the first phone.
+            Time from the start of the first phone, seconds.
         last
-            A time from which on everything stays as it is, likewise.
+            Time from which on everything stays as it is, seconds from the start of the first phone.
+
+        Returns
+        -------
+        FloatArray
+            Parameters, ``(parameters,)``, no unit.
         """
-        place = max(min(time, last) * INNER_RATE, float(-lead(self._networks.ahead)))
-        frame = math.floor(place + _ON_FRAME)
+        position = max(min(time, last) * INNER_RATE, float(-count_lead(self._networks.ahead)))
+        frame = math.floor(position + _ON_FRAME)
         while self._next <= frame:
             self._advance()
-        share = place - frame
+        share = position - frame
         if share <= _ON_FRAME:
             return self._output
-        row = self._inputs.row((place + self._networks.ahead) / INNER_RATE)
-        towards = self._out(self._drive(row))
+        row = self._inputs.index((position + self._networks.ahead) / INNER_RATE)
+        towards = self._compute_output(self._drive(row))
         return self._output + share * (towards - self._output)
 
 
 class NetworkStream(Stream):
-    """A live utterance: a frame is given as soon as the phones in its look-ahead are known.
+    """A live utterance: a frame is returned as soon as the phones in its look-ahead are known.
 
     Parameters
     ----------
     networks
-        What runs.
+        The trained networks.
     inputs
-        Without a phone yet.
+        The inputs, without a phone yet.
     rate
-        Frames per second.
+        Frames per second, hertz.
     """
 
     def __init__(self, networks: FrameNetworks, inputs: PhoneInputs, rate: float) -> None:
-        super().__init__(rate)
+        super().__init__(rate, networks.parameters)
         self._inputs = inputs
         self._running = RunningNetworks(networks, inputs)
         self._look_ahead = networks.ahead / INNER_RATE
-        self._width, self._given = networks.parameters, 0
 
-    def _push(self, segment: PhoneSegment) -> None:
+    def _add(self, segment: PhoneSegment) -> None:
         self._inputs.add(segment)
 
-    def _pull(self, ended: bool) -> FloatArray:
-        if self.start_time is None:
-            return np.zeros((0, self._width))
-        until = self._inputs.end - (0.0 if ended else self._look_ahead)
-        last = max(self._given, math.ceil(until * self.rate - 1e-6))
-        frames = [
-            self._running.at((self.start_time + i / self.rate) - self.start_time)
-            for i in range(self._given, last)
-        ]
-        self._given = last
-        if frames:
-            self._inputs.forget_before(self._given / self.rate - 1.0)
-        return np.array(frames).reshape(-1, self._width)
+    def _find_known_end(self) -> float:
+        return self._inputs.start_time + self._inputs.end - self._look_ahead
+
+    def _compute(self, times: FloatArray) -> FloatArray:
+        frames = [self._running.at(float(time) - self._inputs.start_time) for time in times]
+        self._inputs.forget_before(float(times[-1]) - self._inputs.start_time - 1.0)
+        return np.array(frames)

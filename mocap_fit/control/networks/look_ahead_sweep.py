@@ -1,4 +1,4 @@
-"""How much look-ahead is worth: networks that see 0 to 15 frames ahead (Beskow figure 4)."""
+"""The error of networks that see 0 to 15 frames ahead (Beskow figure 4)."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from mocap_fit.control.base import LogEntry, Progress
-from mocap_fit.control.networks.examples import Example, example, scale_of
+from mocap_fit.control.networks.examples import Example, Scale, load_example
 from mocap_fit.control.networks.features import INNER_RATE
 from mocap_fit.control.networks.models import TABLE_1, LowLatencyNetworks
 from mocap_fit.control.networks.stack import Network
 from mocap_fit.control.networks.training import Training
+from mocap_fit.control.settings import check_settings, get_settings
+from mocap_fit.control.single_thread import limit_to_one_thread
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.errors import ConfigurationError, DataError
 
@@ -30,11 +32,11 @@ class SweepPoint(NamedTuple):
     frames
         Look-ahead, frames of 1/60 s.
     look_ahead
-        The same, seconds.
+        Look-ahead, seconds.
     error
         Root mean square error over the held-out utterances, in the unit of the parameters.
     epoch
-        When it was reached.
+        The epoch in which it was reached.
     """
 
     frames: int
@@ -43,7 +45,7 @@ class SweepPoint(NamedTuple):
     epoch: int
 
 
-def look_ahead_sweep(
+def sweep_look_ahead(
     corpus: Corpus,
     held_out: Corpus,
     *,
@@ -53,40 +55,40 @@ def look_ahead_sweep(
     progress: Progress | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
 ) -> tuple[SweepPoint, ...]:
-    """Train a network for every look-ahead, and tell their errors on held-out utterances.
+    """Train a network for every look-ahead, and return their errors on held-out utterances.
 
-    A network that sees `a` frames ahead is one that sees none and says what was `a` frames ago.
-    So all of them see the same, and learn side by side. As in the paper, the error that tells
-    when to stop is the one that is told.
+    A network that sees `a` frames ahead is one that sees none and predicts what was `a` frames
+    ago. So all of them see the same, and learn side by side. As in the paper, the error that
+    decides when to stop is the one that is returned.
 
     Parameters
     ----------
     corpus
-        What they learn.
+        The training part.
     held_out
-        What they are judged by.
+        Utterances that the networks are judged by.
     frames
         The look-aheads, in frames of 1/60 s, 0 to 30; the context is 31 frames for all.
     parameters
-        What they predict; the occlusion group of Table 1 where not given, or all parameters of a
-        corpus that lacks it.
+        Names of the parameters that they predict; by default the occlusion group of Table 1, or
+        all parameters of a corpus that lacks it.
     settings
-        Whose settings are taken, such as ``epochs``, ``patience``, ``hidden_units`` (one number)
-        and ``seed``; its own contexts and groups do not count.
+        A model whose settings are used, such as ``max_iter``, ``patience``, ``hidden_units`` (one
+        number) and ``random_state``; its contexts and groups do not count.
     progress
         Called with a `LogEntry` for every network and epoch; its part is ``N ahead``.
     checkpoint
-        Where the state is kept, to go on from.
+        A file in which the state is stored, to resume from.
 
     Returns
     -------
     tuple[SweepPoint, ...]
-        One for each look-ahead, in the order given.
+        One for each look-ahead, in the order of ``frames``.
 
     Raises
     ------
     ConfigurationError
-        If a look-ahead or a setting is not possible.
+        If a look-ahead or a setting is out of range.
     DataError
         If there is nothing to learn from, or a parameter is not in the corpus.
     """
@@ -94,7 +96,7 @@ def look_ahead_sweep(
     steps = tuple(frames)
     if not steps or len(set(steps)) < len(steps) or not all(0 <= a < CONTEXT for a in steps):
         raise ConfigurationError(
-            "these look-aheads are not possible",
+            "the look-aheads are out of range",
             found=", ".join(map(str, steps)) or "none",
             expected=f"different whole numbers of frames, 0 to {CONTEXT - 1}",
         )
@@ -106,7 +108,7 @@ def look_ahead_sweep(
     if unknown or not parameters:
         raise DataError(
             "the corpus lacks a parameter",
-            found=", ".join(unknown) or "none asked for",
+            found=", ".join(unknown) or "none",
             expected=f"some of {', '.join(names)}",
         )
     columns = [names.index(name) for name in parameters]
@@ -117,41 +119,43 @@ def look_ahead_sweep(
             found=", ".join(map(str, hidden)),
             expected="one number of hidden units",
         )
-    model.check()
+    check_settings(type(model), get_settings(model))
     count = len(columns)
     networks = [
         Network(f"{ahead} ahead", tuple(range(i * count, (i + 1) * count)), hidden)
         for i, ahead in enumerate(steps)
     ]
     data, judged = (
-        tuple(_delayed(utterances, each, columns, steps, model.stress) for each in utterances)
+        tuple(_load_delayed(utterances, each, columns, steps, model.stress) for each in utterances)
         for utterances in (corpus, held_out)
     )
     for part in (data, judged):
         if not any(np.isfinite(each.targets).any() for each in part):
             raise DataError("no utterance has a parameter value while its phones are spoken")
-    training = Training(networks, model.plan, model.delays, data, judged, scale_of(data))
-    training.run(progress or _ignored, None if checkpoint is None else Path(checkpoint))
+    scale = Scale.from_examples(data)
+    training = Training(networks, model.plan, model.delays, data, judged, scale)
+    with limit_to_one_thread():
+        training.run(progress or _ignore, None if checkpoint is None else Path(checkpoint))
     return tuple(
-        _best(training.log, network.name, ahead)
+        _find_best(training.log, network.name, ahead)
         for network, ahead in zip(networks, steps, strict=True)
     )
 
 
-def _delayed(
+def _load_delayed(
     corpus: Corpus, utterance: Utterance, columns: Sequence[int], steps: Sequence[int], stress: bool
 ) -> Example:
-    """An utterance whose targets are those of so many frames ago, for each look-ahead."""
+    """Return an utterance with the targets of some frames ago, for each look-ahead."""
     longest = max(steps)
-    own = example(utterance, corpus, CONTEXT - 1, 0, stress, after=longest)
-    targets = own.targets[:, columns]
+    example = load_example(utterance, corpus, CONTEXT - 1, 0, stress, after=longest)
+    targets = example.targets[:, columns]
     late = np.full((len(targets), len(steps), len(columns)), np.nan)
     for i, ahead in enumerate(steps):
         late[ahead:, i] = targets[: len(targets) - ahead]
-    return Example(own.inputs, late.reshape(len(targets), -1))
+    return Example(example.inputs, late.reshape(len(targets), -1))
 
 
-def _best(log: Sequence[LogEntry], name: str, ahead: int) -> SweepPoint:
+def _find_best(log: Sequence[LogEntry], name: str, ahead: int) -> SweepPoint:
     errors = [
         (entry.validation_error, entry.iteration)
         for entry in log
@@ -161,5 +165,5 @@ def _best(log: Sequence[LogEntry], name: str, ahead: int) -> SweepPoint:
     return SweepPoint(ahead, ahead / INNER_RATE, error, epoch)
 
 
-def _ignored(entry: LogEntry) -> None:
+def _ignore(entry: LogEntry) -> None:
     pass

@@ -3,7 +3,7 @@
 A hidden unit of a frame sees the input layer and all hidden units one to several frames earlier
 (Beskow section 4.4); outputs are linear. Networks of one size are stacked, so that one product
 serves all of them, and the input layer, which does not depend on the past, is one product for all
-frames. The past is kept as `(networks, sentences, delays + frames, hidden)`: the hidden
+frames. The past is stored as ``(networks, sentences, delays + frames, hidden)``: the hidden
 units of the last frames then lie side by side, and all delays are one product too.
 """
 
@@ -24,15 +24,15 @@ class Weights(NamedTuple):
     Parameters
     ----------
     inputs
-        `(networks, context · inputs, hidden)`.
+        From the input layer, ``(networks, context · inputs, hidden)``.
     delayed
-        `(networks, delays · hidden, hidden)`, the longest delay first.
+        From earlier hidden units, ``(networks, delays · hidden, hidden)``, the longest delay first.
     hidden_bias
-        `(networks, 1, hidden)`.
+        Biases of the hidden units, ``(networks, 1, hidden)``.
     outputs
-        `(networks, hidden, outputs)`.
+        To the output layer, ``(networks, hidden, outputs)``.
     output_bias
-        `(networks, 1, outputs)`.
+        Biases of the output layer, ``(networks, 1, outputs)``.
     """
 
     inputs: Array
@@ -47,54 +47,92 @@ class Weights(NamedTuple):
         return int(self.delayed.shape[1] // self.delayed.shape[2])
 
     def map(self, change: Callable[[Array], Array]) -> Weights:
-        """The same change made to each array."""
+        """Return the weights with a change to each array.
+
+        Parameters
+        ----------
+        change
+            A function of an array.
+
+        Returns
+        -------
+        Weights
+            The changed weights.
+        """
         return Weights(*map(change, self))
 
 
-def connections(inputs: int, hidden: int, outputs: int, delays: int) -> int:
-    """Connections of one network, biases included, as Table 1 counts them."""
+def count_connections(inputs: int, hidden: int, outputs: int, delays: int) -> int:
+    """Return the number of connections of one network, biases included, as in Table 1.
+
+    Parameters
+    ----------
+    inputs
+        Number of inputs of the complete context.
+    hidden
+        Number of hidden units.
+    outputs
+        Number of outputs.
+    delays
+        The longest delay, frames.
+
+    Returns
+    -------
+    int
+        Number of weights and biases.
+    """
     return inputs * hidden + delays * hidden * hidden + hidden * outputs + hidden + outputs
 
 
-def drawn_weights(
-    networks: int,
+def draw_weights(
     inputs: int,
     hidden: int,
     outputs: int,
     delays: int,
     generator: np.random.Generator,
+    networks: int = 1,
 ) -> Weights:
-    """Weights to start from: small random connections, biases 0.
+    """Return weights to start from: small random connections, biases 0.
 
     Parameters
     ----------
-    networks
-        How many are stacked.
-    inputs, hidden, outputs
-        Units of the layers; the inputs of the whole context.
+    inputs
+        Number of inputs of the complete context.
+    hidden
+        Number of hidden units.
+    outputs
+        Number of outputs.
     delays
         The longest delay, frames.
     generator
-        What they are drawn from.
+        Generator of random numbers.
+    networks
+        Number of networks that are stacked.
+
+    Returns
+    -------
+    Weights
+        Connections of mean 0 and a variance of 1 over the number of units that they come from;
+        0.49 over it for earlier hidden units.
     """
 
-    def drawn(*shape: int, scale: float = 1.0) -> Array:
+    def draw(*shape: int, scale: float = 1.0) -> Array:
         return generator.normal(0.0, scale * shape[1] ** -0.5, shape)
 
     return Weights(
-        drawn(networks, inputs, hidden),
+        draw(networks, inputs, hidden),
         # Below 1 together, or the past would not fade.
-        drawn(networks, delays * hidden, hidden, scale=0.7),
+        draw(networks, delays * hidden, hidden, scale=0.7),
         np.zeros((networks, 1, hidden)),
-        drawn(networks, hidden, outputs),
+        draw(networks, hidden, outputs),
         np.zeros((networks, 1, outputs)),
     )
 
 
-def _sliding(past: Array, frames: int, delays: int, first: int) -> Array:
-    """Of every frame the ``delays`` rows from ``first + frame`` on, `(frames, N, B, delays · H)`.
+def _stack_delays(past: Array, frames: int, delays: int, first: int) -> Array:
+    """Return ``delays`` rows of each frame, from ``first + frame`` on, side by side.
 
-    A view: the rows of one network and sentence lie side by side.
+    It is a view of the past, ``(frames, networks, sentences, delays · hidden)``.
     """
     networks, sentences, _, hidden = past.shape
     by_network, by_sentence, by_frame, by_unit = past.strides
@@ -105,23 +143,23 @@ def _sliding(past: Array, frames: int, delays: int, first: int) -> Array:
     )
 
 
-def hidden_units(weights: Weights, seen: Array, past: Array | None = None) -> Array:
-    """Run the networks.
+def compute_hidden(weights: Weights, seen: Array, past: Array | None = None) -> Array:
+    """Return the hidden units of networks that are run.
 
     Parameters
     ----------
     weights
-        Of the networks.
+        Weights of the networks.
     seen
-        `(sentences, frames, context · inputs)`: what the input layer sees.
+        What the input layer sees, ``(sentences, frames, context · inputs)``.
     past
-        `(networks, sentences, delays, hidden)`: the hidden units before the first frame; 0 where
-        not given.
+        The hidden units before the first frame, ``(networks, sentences, delays, hidden)``; 0 by
+        default.
 
     Returns
     -------
     Array
-        `(networks, sentences, delays + frames, hidden)`, the past first.
+        Hidden units, ``(networks, sentences, delays + frames, hidden)``, the past first.
     """
     sentences, frames, inputs = seen.shape
     networks, _, hidden = weights.inputs.shape
@@ -135,79 +173,98 @@ def hidden_units(weights: Weights, seen: Array, past: Array | None = None) -> Ar
     units = np.zeros((networks, sentences, delays + frames, hidden), driven.dtype)
     if past is not None:
         units[:, :, :delays] = past
-    earlier = _sliding(units, frames, delays, 0)
-    room = np.empty((networks, sentences, hidden), driven.dtype)
+    earlier = _stack_delays(units, frames, delays, 0)
+    sums = np.empty((networks, sentences, hidden), driven.dtype)
     of_frame = units.transpose(2, 0, 1, 3)[delays:]
     for before, drive, now in zip(earlier, driven, of_frame, strict=True):
-        np.matmul(before, weights.delayed, out=room)
-        np.add(room, drive, out=room)
-        np.tanh(room, out=now)
+        np.matmul(before, weights.delayed, out=sums)
+        np.add(sums, drive, out=sums)
+        np.tanh(sums, out=now)
     return units
 
 
-def network_outputs(weights: Weights, units: Array) -> Array:
-    """The output layer, `(networks, sentences, frames, outputs)`, of hidden units without past."""
-    networks, sentences, frames, hidden = units.shape
-    flat = np.ascontiguousarray(units).reshape(networks, sentences * frames, hidden)
-    found = flat @ weights.outputs + weights.output_bias
-    return np.asarray(found).reshape(networks, sentences, frames, -1)
-
-
-def without_offsets(difference: Array, counted: Array, forgiven: float) -> Array:
-    """Errors, less a share of every sentence's mean error.
-
-    Parameters
-    ----------
-    difference
-        `(networks, sentences, frames, outputs)`, 0 where a value does not count.
-    counted
-        The same shape: 1 where a value counts, else 0.
-    forgiven
-        The share, 0 to 1. The products with `difference` add up to its squares, less that share
-        of the squares of a sentence's mean.
-    """
-    if not forgiven:
-        return difference
-    means = difference.sum(axis=2, keepdims=True)
-    means /= np.maximum(counted.sum(axis=2, keepdims=True), 1)
-    return np.asarray(difference - difference.dtype.type(forgiven) * means * counted)
-
-
-def errors_and_gradient(
-    weights: Weights, seen: Array, targets: Array, counted: Array, forgiven: float = 0.0
-) -> tuple[Array, Weights]:
-    """Squared errors, and their gradient by back-propagation through time.
+def compute_outputs(weights: Weights, units: Array) -> Array:
+    """Return the output layer.
 
     Parameters
     ----------
     weights
-        Of the networks.
-    seen
-        `(sentences, frames, context · inputs)`.
-    targets
-        `(networks, sentences, frames, outputs)`; any number where a value does not count.
+        Weights of the networks.
+    units
+        Hidden units without past, ``(networks, sentences, frames, hidden)``.
+
+    Returns
+    -------
+    Array
+        Outputs, ``(networks, sentences, frames, outputs)``.
+    """
+    networks, sentences, frames, hidden = units.shape
+    flat = np.ascontiguousarray(units).reshape(networks, sentences * frames, hidden)
+    outputs = flat @ weights.outputs + weights.output_bias
+    return np.asarray(outputs).reshape(networks, sentences, frames, -1)
+
+
+def subtract_offsets(difference: Array, counted: Array, detrend: float) -> Array:
+    """Return errors less a share of every sentence's mean error.
+
+    Parameters
+    ----------
+    difference
+        Errors, ``(networks, sentences, frames, outputs)``; 0 where a value does not count.
     counted
-        The same shape: 1 where a value counts, else 0.
-    forgiven
-        Share of every sentence's mean error that does not count (`without_offsets`).
+        Whether a value counts, ``(networks, sentences, frames, outputs)``: 1 or 0.
+    detrend
+        The share, 0 to 1. The products with `difference` add up to its squares, less that share
+        of the squares of a sentence's mean.
+
+    Returns
+    -------
+    Array
+        Errors, ``(networks, sentences, frames, outputs)``.
+    """
+    if not detrend:
+        return difference
+    means = difference.sum(axis=2, keepdims=True)
+    means /= np.maximum(counted.sum(axis=2, keepdims=True), 1)
+    return np.asarray(difference - difference.dtype.type(detrend) * means * counted)
+
+
+def compute_errors_and_gradient(
+    weights: Weights, seen: Array, targets: Array, counted: Array, detrend: float = 0.0
+) -> tuple[Array, Weights]:
+    """Compute squared errors, and their gradient by back-propagation through time.
+
+    Parameters
+    ----------
+    weights
+        Weights of the networks.
+    seen
+        What the input layer sees, ``(sentences, frames, context · inputs)``.
+    targets
+        Targets, ``(networks, sentences, frames, outputs)``; any number where a value does not
+        count.
+    counted
+        Whether a value counts, ``(networks, sentences, frames, outputs)``: 1 or 0.
+    detrend
+        Share of every sentence's mean error that does not count, 0 to 1.
 
     Returns
     -------
     squares
-        `(networks, outputs)`: sums of the squared errors that count (eq. 5 of Beskow).
+        Sums of the squared errors that count (eq. 5 of Beskow), ``(networks, outputs)``.
     gradient
-        Of each network's squared error over its number of counted values.
+        Gradient of each network's squared error over its number of counted values.
     """
     sentences, frames, inputs = seen.shape
     networks, _, hidden = weights.inputs.shape
     delays = weights.delays
-    units = hidden_units(weights, seen)
+    units = compute_hidden(weights, seen)
     flat_units = np.ascontiguousarray(units[:, :, delays:]).reshape(networks, -1, hidden)
     difference = flat_units @ weights.outputs + weights.output_bias
     difference = (difference.reshape(targets.shape) - targets) * counted
-    kept = without_offsets(difference, counted, forgiven)
-    squares = np.einsum("nbfo,nbfo->no", difference, kept)
-    difference = kept.reshape(networks, sentences * frames, -1)
+    detrended = subtract_offsets(difference, counted, detrend)
+    squares = np.einsum("nbfo,nbfo->no", difference, detrended)
+    difference = detrended.reshape(networks, sentences * frames, -1)
     count = counted.sum(axis=(1, 2, 3)).reshape(-1, 1, 1)
     difference = difference * (2.0 / np.maximum(count, 1)).astype(difference.dtype)
 
@@ -217,19 +274,19 @@ def errors_and_gradient(
     arriving = (difference @ weights.outputs.transpose(0, 2, 1)).reshape(shape)
     slopes = (1.0 - flat_units * flat_units).reshape(shape)
 
-    # Backwards, a unit hears of the errors one to `delays` frames later.
+    # Backwards, a unit receives the errors of one to `delays` frames later.
     blocks = weights.delayed.reshape(networks, delays, hidden, hidden)
     backwards = np.ascontiguousarray(blocks[:, ::-1].transpose(0, 1, 3, 2))
     backwards = backwards.reshape(networks, delays * hidden, hidden)
     sent = np.zeros((networks, sentences, frames + delays, hidden), units.dtype)
-    later = _sliding(sent, frames, delays, 1)
-    room = np.empty((networks, sentences, hidden), units.dtype)
+    later = _stack_delays(sent, frames, delays, 1)
+    sums = np.empty((networks, sentences, hidden), units.dtype)
     arriving, slopes = (np.ascontiguousarray(a.transpose(2, 0, 1, 3)) for a in (arriving, slopes))
     of_frame = sent.transpose(2, 0, 1, 3)[:frames]
     for frame in range(frames - 1, -1, -1):
-        np.matmul(later[frame], backwards, out=room)
-        np.add(room, arriving[frame], out=room)
-        np.multiply(room, slopes[frame], out=of_frame[frame])
+        np.matmul(later[frame], backwards, out=sums)
+        np.add(sums, arriving[frame], out=sums)
+        np.multiply(sums, slopes[frame], out=of_frame[frame])
 
     sent = np.ascontiguousarray(sent[:, :, :frames]).reshape(networks, -1, hidden)
     side_by_side = np.ascontiguousarray(sent.transpose(1, 0, 2)).reshape(-1, networks * hidden)

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.control.networks.examples import Batch
-from mocap_fit.control.networks.recurrent import Weights, drawn_weights
+from mocap_fit.control.networks.recurrent import Weights, draw_weights
 
-# Adam (Kingma and Ba 2015), with its own constants.
-_FIRST, _SECOND, _LEAST = 0.9, 0.999, 1e-8
-# A gradient longer than this is shortened to it: one odd sentence must not undo a training.
-_LONGEST_GRADIENT = 1.0
+# Constants of Adam (Kingma and Ba 2015): beta_1, beta_2, epsilon.
+_BETA_1, _BETA_2, _EPSILON = 0.9, 0.999, 1e-8
+# Gradients are clipped to this norm: one odd sentence must not undo a training.
+_MAX_NORM = 1.0
 
 
 @dataclass(frozen=True)
@@ -26,11 +26,11 @@ class Network:
     Parameters
     ----------
     name
-        Such as ``occlusion``.
+        Name, such as ``occlusion``.
     columns
         Positions of its parameters among those of the corpus.
     hidden
-        Hidden units.
+        Number of hidden units.
     """
 
     name: str
@@ -45,21 +45,28 @@ class Stack:
     Parameters
     ----------
     networks
-        All of them.
+        All networks.
     columns
-        `(networks, outputs)`: their parameters; one past the last for an output that a network
+        Their parameters, ``(networks, outputs)``; one past the last for an output that a network
         does not have.
     active
         Positions of those that still learn.
-    weights, first, second, average
-        Of the active ones: weights, Adam's two moments, and the running average of the weights,
-        which is what is validated and kept.
+    weights
+        Weights of the active ones.
+    first
+        First moments of Adam of the active ones.
+    second
+        Second moments of Adam of the active ones.
+    average
+        Running averages of the weights of the active ones, which are what is validated and used.
     best
-        Of all: the averages with the least error so far.
+        Averages with the least error so far, of all.
     steps
-        Steps of Adam.
-    least, since
-        Of all: the least error so far, None before the first; epochs since then.
+        Number of steps of Adam.
+    least
+        The least error so far, of all, in the unit of the scale; None before the first.
+    since
+        Number of epochs since then, of all.
     """
 
     networks: tuple[Network, ...]
@@ -74,29 +81,34 @@ class Stack:
     least: list[float | None]
     since: list[int]
 
-    #: What of it a checkpoint keeps: numbers, and arrays.
+    #: The attributes that a checkpoint stores: numbers, and arrays.
     COUNTERS = ("active", "steps", "least", "since")
     ARRAYS = ("weights", "first", "second", "average", "best")
 
     @classmethod
-    def started(
+    def from_networks(
         cls, networks: Sequence[Network], inputs: int, delays: int, parameters: int, seed: int
     ) -> Self:
-        """Networks before training.
+        """Return networks before training.
 
         Parameters
         ----------
         networks
-            All of one size.
+            Networks of one size.
         inputs
-            Of the whole context.
+            Number of inputs of the complete context.
         delays
             The longest delay, frames.
         parameters
-            Of the corpus.
+            Number of parameters of the corpus.
         seed
-            Every network draws for itself, so that what it starts from does not depend on the
-            others.
+            Seed of the weights. Every network draws for itself, so that its start does not depend
+            on the others.
+
+        Returns
+        -------
+        Stack
+            All networks active.
         """
         outputs = max(len(network.columns) for network in networks)
         columns = np.full((len(networks), outputs), parameters, dtype=np.intp)
@@ -104,9 +116,9 @@ class Stack:
         for i, network in enumerate(networks):
             columns[i, : len(network.columns)] = network.columns
             generator = np.random.default_rng([seed, *network.name.encode()])
-            own = drawn_weights(1, inputs, network.hidden, outputs, delays, generator)
-            own.outputs[:, :, len(network.columns) :] = 0.0
-            drawn.append(own)
+            start = draw_weights(inputs, network.hidden, outputs, delays, generator)
+            start.outputs[:, :, len(network.columns) :] = 0.0
+            drawn.append(start)
         # Single precision learns as well, at twice the speed.
         weights = Weights(
             *(np.concatenate(arrays).astype(np.float32) for arrays in zip(*drawn, strict=True))
@@ -125,8 +137,21 @@ class Stack:
             since=[0] * len(networks),
         )
 
-    def wanted(self, data: Batch) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Targets and which of them count, `(active networks, sentences, frames, outputs)`."""
+    def select_targets(self, data: Batch) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return the targets of the active networks.
+
+        Parameters
+        ----------
+        data
+            The sentences.
+
+        Returns
+        -------
+        targets
+            ``(active networks, sentences, frames, outputs)``.
+        counted
+            Whether each counts, ``(active networks, sentences, frames, outputs)``: 1 or 0.
+        """
         columns = self.columns[self.active]
         wider = [np.pad(a, ((0, 0), (0, 0), (0, 1))) for a in (data.targets, data.counted)]
         targets, counted = (
@@ -135,52 +160,62 @@ class Stack:
         return targets, counted
 
     def step(self, gradient: Weights, rate: float, averaging: float) -> None:
-        """One step of Adam, and of the running average.
+        """Take one step of Adam, and of the running average.
 
         Parameters
         ----------
         gradient
-            Of the active networks.
+            Gradient of the active networks.
         rate
-            Learning rate.
+            Learning rate, no unit.
         averaging
-            Share of the old in the running average.
+            Share of the old weights in the running average, 0 to below 1.
         """
         self.steps += 1
         squares = sum(np.einsum("nij,nij->n", slope, slope) for slope in gradient)
-        shorter = np.minimum(1.0, _LONGEST_GRADIENT / np.sqrt(np.maximum(squares, 1e-30)))
-        shorter = shorter.astype(np.float32).reshape(-1, 1, 1)
-        unbiased = math.sqrt(1 - _SECOND**self.steps) / (1 - _FIRST**self.steps)
+        factor = np.minimum(1.0, _MAX_NORM / np.sqrt(np.maximum(squares, 1e-30)))
+        factor = factor.astype(np.float32).reshape(-1, 1, 1)
+        unbiased = math.sqrt(1 - _BETA_2**self.steps) / (1 - _BETA_1**self.steps)
         size = np.float32(rate * unbiased)
         # In the beginning it is the plain mean of all steps so far.
         new = np.float32(max(1 - averaging, 1 / self.steps))
         for weight, slope, first, second, average in zip(
             self.weights, gradient, self.first, self.second, self.average, strict=True
         ):
-            slope = slope * shorter
-            first += np.float32(1 - _FIRST) * (slope - first)
-            second += np.float32(1 - _SECOND) * (slope * slope - second)
-            weight -= size * first / (np.sqrt(second) + np.float32(_LEAST))
+            slope = slope * factor
+            first += np.float32(1 - _BETA_1) * (slope - first)
+            second += np.float32(1 - _BETA_2) * (slope * slope - second)
+            weight -= size * first / (np.sqrt(second) + np.float32(_EPSILON))
             average += new * (weight - average)
 
     def judge(self, errors: Sequence[float]) -> None:
-        """Keep the averages that have the least error so far; one error an active network."""
-        for place, (network, error) in enumerate(zip(self.active, errors, strict=True)):
+        """Store the averages that have the least error so far.
+
+        Parameters
+        ----------
+        errors
+            An error for each active network, in the unit of the scale.
+        """
+        for position, (network, error) in enumerate(zip(self.active, errors, strict=True)):
             least = self.least[network]
             if math.isfinite(error) and (least is None or error < least):
                 self.least[network], self.since[network] = error, 0
                 for best, average in zip(self.best, self.average, strict=True):
-                    best[network] = average[place]
+                    best[network] = average[position]
             else:
                 self.since[network] += 1
 
     def stop(self, patience: int) -> None:
-        """Let networks rest that were not at their best for so many epochs."""
-        going = [
-            place for place, network in enumerate(self.active) if self.since[network] < patience
-        ]
+        """Stop networks that were not at their best for some epochs.
+
+        Parameters
+        ----------
+        patience
+            Number of epochs.
+        """
+        going = [i for i, network in enumerate(self.active) if self.since[network] < patience]
         if len(going) == len(self.active):
             return
-        self.active = [self.active[place] for place in going]
+        self.active = [self.active[i] for i in going]
         for kind in ("weights", "first", "second", "average"):
             setattr(self, kind, getattr(self, kind).map(lambda array: array[going]))

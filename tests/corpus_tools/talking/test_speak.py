@@ -129,7 +129,7 @@ class TestText:
     def test_a_model_of_another_phone_set_is_refused_unless_the_nearest_will_do(
         self, tmp_path, capsys
     ):
-        RuleBased().ready("sv-sta").save(tmp_path / "sv.model")
+        RuleBased().prepare("sv-sta").save(tmp_path / "sv.model")
         call = ["speak", "hello", "--lang", "en", "--model", tmp_path / "sv.model", "--size", 64]
         assert run(*call, "--out", tmp_path / "a") == 1
         assert "another phone set" in one_line(capsys)
@@ -201,7 +201,7 @@ class TestLabelsAndTracks:
     @pytest.mark.slow
     def test_two_models_of_a_kind_are_told_apart(self, tmp_path, labels, capsys):
         for name in ("one", "two"):
-            RuleBased().ready("en-arpabet").save(tmp_path / f"{name}.model")
+            RuleBased().prepare("en-arpabet").save(tmp_path / f"{name}.model")
         call = ["speak", "--labels", labels, "--out", tmp_path / "a", "--json", "--size", 64]
         assert run(*call, "--model", tmp_path / "one.model", "--model", tmp_path / "two.model") == 0
         heads = [head["head"] for head in json.loads(capsys.readouterr().out)["heads"]]
@@ -214,7 +214,7 @@ class TestLabelsAndTracks:
         assert "face parameters" in one_line(capsys)
 
     def test_labels_of_another_phone_set_are_refused(self, tmp_path, labels, capsys):
-        RuleBased().ready("cs-sampa").save(tmp_path / "cs.model")
+        RuleBased().prepare("cs-sampa").save(tmp_path / "cs.model")
         call = ["speak", "--labels", labels, "--model", tmp_path / "cs.model"]
         assert run(*call, "--out", tmp_path / "a") == 1
         assert "AA1" in one_line(capsys)

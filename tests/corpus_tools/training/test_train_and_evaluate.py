@@ -149,7 +149,7 @@ def test_a_protocol_that_is_none_is_a_wrong_call(corpus_folder, tmp_path, capsys
 def test_a_sweep_tells_the_error_of_every_look_ahead(corpus_folder, tmp_path, capsys):
     out = tmp_path / "sweep"
     call = ["train", str(corpus_folder), "--sweep-look-ahead", "--out", str(out), "--json"]
-    assert cli.main([*call, "--set", "epochs=2", "--set", "hidden_units=4"]) == 0
+    assert cli.main([*call, "--set", "max_iter=2", "--set", "hidden_units=4"]) == 0
     rows = json.loads(capsys.readouterr().out)["look_ahead"]
     assert [row["frames"] for row in rows] == list(range(16))
     table = pd.read_csv(out / "look_ahead.csv")
