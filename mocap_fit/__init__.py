@@ -16,6 +16,7 @@ from mocap_fit._version import __version__ as __version__
 
 # Name → module. Imports wait until a name is used, so that `import mocap_fit` costs nothing.
 _HOMES: dict[str, str] = {
+    "read_sound": "mocap_fit.sound",
     "read_tracks": "mocap_fit.io",
     "read_phones": "mocap_fit.labels",
     "load_sample": "mocap_fit.io",
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from mocap_fit.io import read_tracks as read_tracks
     from mocap_fit.labels import read_phones as read_phones
     from mocap_fit.render import render_movie as render_movie
+    from mocap_fit.sound import read_sound as read_sound
     from mocap_fit.synthesis import synthesise as synthesise
 
 __all__ = ["__version__", "control", *_HOMES]

@@ -108,7 +108,6 @@ PENDING = (
     "mocap_fit/processes.py",
     "mocap_fit/registry.py",
     "mocap_fit/render",
-    "mocap_fit/sound",
     "mocap_fit/synthesis",
     "mocap_fit/tracks",
 )

@@ -74,7 +74,7 @@ from mocap_fit.fitting.objective import OBJECTIVES, Objective
 from mocap_fit.fitting.solving import SOLVERS
 from mocap_fit.settings_file import first_fault
 from mocap_fit.sound import SyncKind
-from mocap_fit.sound.estimate import LARGEST_OFFSET
+from mocap_fit.sound.estimate import MAX_OFFSET
 
 _COLUMNS = ("utterance", "split", "text", "speaker", "session")
 _NAME = re.compile(r"[^\s./\\*?\[\]][^/\\*?\[\]]*")
@@ -148,7 +148,7 @@ class Sync(_Strict):
     kind: SyncKind = "none"
     channel: int = Field(default=2, ge=1)
     spare: tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]] = (0, 0)
-    largest_offset: float = Field(default=LARGEST_OFFSET, gt=0)
+    largest_offset: float = Field(default=MAX_OFFSET, gt=0)
 
 
 class Sentences(_Strict):

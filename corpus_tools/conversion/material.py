@@ -121,8 +121,8 @@ def on_one_clock(
             channel=said.channel,
             spare=said.spare,
             lips=settings.lips,
-            about=job.entry.start_time,
-            largest=said.largest_offset,
+            start_time=job.entry.start_time,
+            max_offset=said.largest_offset,
         )
     except DataError as error:
         raise with_path(error, job.sound or job.recording) from None
@@ -155,7 +155,7 @@ def speech_of(settings: Settings, sound: Sound | None) -> Sound | None:
     said = settings.manifest.sync
     if sound is None or said.kind != "pulses":
         return sound
-    return None if sound.channels == 1 else sound.without_channel(said.channel)
+    return None if sound.channels == 1 else sound.drop_channel(said.channel)
 
 
 def check_times(

@@ -148,7 +148,7 @@ def _sound(path: str | os.PathLike[str]) -> dict[str, Any]:
     times = np.arange(0.0125, max(sound.duration, 0.013), 0.025)
     channels = []
     for number in range(1, sound.channels + 1):
-        samples = sound.channel(number)
+        samples = sound.get_channel(number)
         energies = energy_db(sound.replace(samples=samples), times[times <= sound.duration])
         peak = float(np.abs(samples).max())
         channels.append(

@@ -180,7 +180,7 @@ class _Takes:
             name=name,
         ).with_step("simulate", self.step)
         pulses = sync_pulses(times, len(speech), speech.rate)
-        both = Sound(np.stack([speech.channel(1), pulses], axis=1), speech.rate)
+        both = Sound(np.stack([speech.get_channel(1), pulses], axis=1), speech.rate)
         write_sound(both, out / "sound" / f"{name}.wav")
         labels = _labels(phones, self.language.phone_set, speech.duration)
         write_labels(labels, out / "labels" / f"{name}.TextGrid")

@@ -53,7 +53,7 @@ def check_sound(sound: Sound, place: Place, limits: Thresholds) -> Iterator[Find
     """
     rules = limits.sound
     for number in range(1, sound.channels + 1):
-        channel = sound.channel(number)
+        channel = sound.get_channel(number)
         top = float(np.abs(channel).max())
         flat = (np.abs(channel) >= rules.clipped_level * top) & (top >= rules.clipped_level)
         clipped = [run for run in runs(flat) if run.stop - run.start >= rules.clipped_run]
@@ -170,18 +170,18 @@ def check_pulses(
     """
     for number in range(1, sound.channels + 1):
         try:
-            train = decode_pulses(sound.channel(number), sound.rate, rate)
+            train = decode_pulses(sound.get_channel(number), sound.rate, rate)
         except DataError:
             continue
         where = Place(place.file, place.utterance, f"channel {number}")
         found = list(clock_findings(train.drift_ppm, train.residual or 0.0, where, limits))
-        heard = float(train.heard.sum()) / max(1, frames)
+        heard = float(train.present.sum()) / max(1, frames)
         if train.frames != frames or heard < limits.time.pulses_heard:
             found.append(
                 Finding(
                     "MF146",
                     where,
-                    f"{int(train.heard.sum())} pulses, {int((~train.heard).sum())} missing",
+                    f"{int(train.present.sum())} pulses, {int((~train.present).sum())} missing",
                     f"{frames}, one a frame",
                 )
             )

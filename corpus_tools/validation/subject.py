@@ -264,7 +264,7 @@ def _without_pulses(
     if sound.channels < 2 or tracks is None or subject.on_one_clock:
         return sound, None, []
     channel, found = check_pulses(sound, tracks.rate, tracks.frames, subject.place("sound"), limits)
-    return sound if channel is None else sound.without_channel(channel), channel, found
+    return sound if channel is None else sound.drop_channel(channel), channel, found
 
 
 def _rate(
@@ -369,7 +369,7 @@ def _lips(
     offset = None
     if sound is not None and subject.on_one_clock:
         try:
-            estimate = estimate_offset(gaps, tracks.rate, sound, about=tracks.start_time)
+            estimate = estimate_offset(gaps, tracks.rate, sound, start_time=tracks.start_time)
         except DataError:
             estimate = None
         if estimate is not None:

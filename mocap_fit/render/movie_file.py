@@ -362,7 +362,7 @@ def sound_between(sound: Sound, start: float, end: float) -> Sound:
 def _for_aac(sound: Sound) -> Sound:
     """The sound at a rate of movies, in one channel or two."""
     if sound.channels > 2:
-        sound = sound.mono()
+        sound = sound.to_mono()
     if sound.rate in _SOUND_RATES:
         return sound
     from scipy.signal import resample_poly

@@ -12,34 +12,34 @@ from mocap_fit.tracks import FloatArray
 WINDOW = 0.025
 """Seconds: long enough for two periods of a low voice, shorter than most phones."""
 
-QUIETEST = -100.0
-"""Decibels: what digital silence counts as, so that no energy is infinite."""
+MIN_ENERGY = -100.0
+"""Decibels: the energy of digital silence, so that no energy is infinite."""
 
 
 def energy_db(sound: Sound, times: ArrayLike, *, window: float = WINDOW) -> FloatArray:
-    """Energy of sound at moments: at the frames of tracks, or the centres of phones.
+    """Compute the energy of sound at times, such as those of frames or the centres of phones.
 
     Parameters
     ----------
     sound
-        One or more channels, whose mean is taken: leave out a channel of pulses before
-        (`Sound.without_channel`).
+        One or more channels, whose mean is taken; drop a channel of pulses before
+        (`Sound.drop_channel`).
     times
-        `(times,)`, seconds from the first sample.
+        Times from the first sample, ``(times,)``, seconds.
     window
-        Seconds: length of the Hann window about each moment.
+        Length of the Hann window around each time, seconds.
 
     Returns
     -------
-    FloatArray
-        `(times,)`: ten times the logarithm of the weighted mean square, so that a sine of full
-        scale has -3 dB; not below `QUIETEST`. NaN where the window's middle is outside the sound;
-        near its ends the part of the window that is inside counts.
+    ndarray
+        Ten times the logarithm of the weighted mean square, ``(times,)``, dB: a sine of full
+        scale has -3 dB. Not below `MIN_ENERGY`; NaN where the time is outside the sound. Near the
+        ends of the sound the part of the window that is inside counts.
 
     Raises
     ------
     DataError
-        If the window is not longer than a sample.
+        If the window is not longer than two samples.
     """
     rate = sound.rate
     half = round(0.5 * window * rate)
@@ -56,10 +56,10 @@ def energy_db(sound: Sound, times: ArrayLike, *, window: float = WINDOW) -> Floa
     centres = np.minimum(centres, len(sound) - 1)
     samples = sound.samples.mean(axis=1)
     energies = np.full(moments.shape, np.nan)
-    for place in np.flatnonzero(inside):
-        first, last = centres[place] - half, centres[place] + half + 1
-        part = samples[max(first, 0) : last]
+    for index in np.flatnonzero(inside):
+        first, end = centres[index] - half, centres[index] + half + 1
+        part = samples[max(first, 0) : end]
         weight = weights[max(-first, 0) : max(-first, 0) + len(part)]
         mean_square = float(weight @ part**2 / weight.sum())
-        energies[place] = 10 * np.log10(max(mean_square, 10 ** (QUIETEST / 10)))
+        energies[index] = 10 * np.log10(max(mean_square, 10 ** (MIN_ENERGY / 10)))
     return energies

@@ -1,4 +1,4 @@
-"""Where the sound begins, without pulses: an estimate by opening lips and louder speech."""
+"""Estimate where the sound begins, without pulses, from opening lips and louder speech."""
 
 from __future__ import annotations
 
@@ -12,44 +12,43 @@ from mocap_fit.sound.energy import energy_db
 from mocap_fit.sound.wav import Sound
 from mocap_fit.tracks import FloatArray
 
-LARGEST_OFFSET = 0.5
-"""Seconds: how far the start time is looked for."""
+MAX_OFFSET = 0.5
+"""Seconds: how far the start time is searched."""
 
+# Seconds: the step of the search, and of the energies that are compared.
 _STEP = 0.005
-# Decibels below the loudest: what is quieter is noise of the room, and counts as silence.
+_WINDOW = 0.04
+# Decibels below the loudest: what is quieter is background noise, and counts as silence.
 _DEPTH = 40.0
+# Decibels: what varies less is no speech.
+_MIN_VARIATION = 1.0
 # Hertz: the part of the sound that is loud when the mouth is open.
 _BAND = (300.0, 3000.0)
-# Hertz: slower changes are the sentence's, and pull the estimate about by tenths of a second.
+# Hertz: slower changes are the sentence's, and shift the estimate by tenths of a second.
 _SLOWEST = 3.0
-# Part of the frames, and seconds of them, that must lie in the sound.
+# Share of the frames, seconds of them, and their number, that must lie in the sound.
 _SHARE, _SHORTEST, _FEWEST = 0.6, 0.5, 10
-_WEAKEST = 0.25
+_MIN_CORRELATION = 0.25
 
 
 @dataclass(frozen=True)
 class OffsetEstimate:
-    """An estimated start time: no measurement, and no better than some hundredths of a second.
+    """An estimated start time, accurate to some hundredths of a second at best.
 
     Parameters
     ----------
     start_time
-        Seconds: the first frame on the clock of the sound.
+        Time of the first frame on the clock of the sound, seconds.
     correlation
-        Of lip opening and energy at that start time.
+        Correlation of lip opening and energy at that start time, -1 to 1.
     half_width
-        Seconds on either side within which the correlation loses a tenth of itself: how sharp
-        the peak is.
+        Distance on either side within which the correlation loses a tenth of itself, seconds: how
+        sharp its peak is.
     """
 
     start_time: float
     correlation: float
     half_width: float
-
-    @property
-    def is_estimate(self) -> bool:
-        """True: who reads it knows that no pulses were there."""
-        return True
 
 
 def estimate_offset(
@@ -57,34 +56,34 @@ def estimate_offset(
     rate: float,
     sound: Sound,
     *,
-    about: float = 0.0,
-    largest: float = LARGEST_OFFSET,
+    start_time: float = 0.0,
+    max_offset: float = MAX_OFFSET,
 ) -> OffsetEstimate:
-    """Estimate when the first frame was, from lip opening and the energy of the sound.
+    """Estimate the time of the first frame from lip opening and the energy of the sound.
 
     Parameters
     ----------
     opening
-        `(frames,)`: the distance of the lips, in any unit; NaN is missing.
+        Distance of the lips, ``(frames,)``, in any unit; NaN is missing.
     rate
-        Frames a second.
+        Frame rate, hertz.
     sound
-        Speech alone, without a channel of pulses.
-    about
-        Seconds: where the start is looked for.
-    largest
-        Seconds on either side of that.
+        Speech, without a channel of pulses.
+    start_time
+        Middle of the search, seconds.
+    max_offset
+        Distance from the middle to the ends of the search, seconds.
 
     Returns
     -------
     OffsetEstimate
-        The start time of the largest correlation.
+        The start time with the largest correlation.
 
     Raises
     ------
     DataError
-        If lips or sound do not move, too little of them overlaps, the correlation is weak, or
-        it is largest at the end of what was searched.
+        If lips or sound do not change, too little of them overlaps, the correlation is weak, or
+        it is largest at an end of the search.
 
     Notes
     -----
@@ -93,58 +92,64 @@ def estimate_offset(
     the estimate is early by that.
     """
     distance = np.asarray(opening, dtype=np.float64)
-    if distance.ndim != 1 or not np.isfinite(rate) or rate <= 0 or largest <= 0:
+    if distance.ndim != 1 or not np.isfinite(rate) or rate <= 0 or max_offset <= 0:
         raise DataError(
             "the opening of the lips cannot be used",
             found=f"{distance.shape} at {rate} Hz",
             expected="(frames,) at a rate above 0",
         )
-    lags = about + _STEP * np.arange(-round(largest / _STEP), round(largest / _STEP) + 1)
+    steps = round(max_offset / _STEP)
+    lags = start_time + _STEP * np.arange(-steps, steps + 1)
     times = np.arange(len(distance)) / rate
-    seen = np.isfinite(distance)
+    visible = np.isfinite(distance)
     too_little = DataError(
         "recording and sound overlap too little to estimate their offset",
         found=f"{len(distance) / rate:.3f} s of movement, {sound.duration:.3f} s of sound",
         expected=f"{_SHORTEST} s, and {_SHARE:.0%} of the frames",
     )
-    if min(seen.sum() / rate, sound.duration) < _SHORTEST or seen.sum() < _FEWEST:
+    if min(visible.sum() / rate, sound.duration) < _SHORTEST or visible.sum() < _FEWEST:
         raise too_little
     grid = np.arange(0.0, sound.duration, _STEP)
-    energy = energy_db(_speech_band(sound), grid, window=0.04)
+    energy = energy_db(_filter_speech_band(sound), grid, window=_WINDOW)
     energy = np.maximum(energy, energy.max() - _DEPTH)
-    if np.ptp(energy) < 1.0 or not np.ptp(distance[seen]) > 0:
+    if np.ptp(energy) < _MIN_VARIATION or not np.ptp(distance[visible]) > 0:
         raise DataError(
             "the offset of the sound cannot be estimated",
             found="lips or sound that do not change",
             expected="speech",
         )
-    energy = _quick_part(energy, 1.0 / _STEP)
-    whole = np.interp(times, times[seen], distance[seen])
-    distance = np.where(seen, _quick_part(whole, rate), np.nan)
-    found = np.array([_correlation(distance, times + lag, grid, energy, rate) for lag in lags])
-    if np.isnan(found).all():
+    energy = _remove_slow_part(energy, 1.0 / _STEP)
+    complete = np.interp(times, times[visible], distance[visible])
+    distance = np.where(visible, _remove_slow_part(complete, rate), np.nan)
+    correlations = np.array([_correlate(distance, times + lag, grid, energy, rate) for lag in lags])
+    if np.isnan(correlations).all():
         raise too_little
-    best = int(np.nanargmax(found))
-    peak = float(found[best])
-    if peak < _WEAKEST or best in (0, len(lags) - 1):
+    best = int(np.nanargmax(correlations))
+    peak = float(correlations[best])
+    if peak < _MIN_CORRELATION or best in (0, len(lags) - 1):
         raise DataError(
             "the offset of the sound cannot be estimated",
             found=f"a correlation of {peak:.2f} of lip opening and energy, at {lags[best]:.3f} s",
-            expected=f"one above {_WEAKEST}, within {lags[1]:.3f} s to {lags[-2]:.3f} s",
+            expected=f"one above {_MIN_CORRELATION}, within {lags[1]:.3f} s to {lags[-2]:.3f} s",
             advice="Check that sound and recording belong together, or give the start time.",
         )
-    before, after = found[best - 1], found[best + 1]
-    bend = before - 2 * peak + after
-    shift = 0.5 * (before - after) / bend if np.isfinite(bend) and bend < 0 else 0.0
-    near = np.nan_to_num(found, nan=-1.0) >= 0.9 * peak
+    near = np.nan_to_num(correlations, nan=-1.0) >= 0.9 * peak
     left = best - int(np.argmin(near[best::-1])) + 1
     right = best + int(np.argmin(near[best:])) - 1
     return OffsetEstimate(
-        float(lags[best] + shift * _STEP), peak, 0.5 * float(max(right - left, 1)) * _STEP
+        float(lags[best] + _STEP * _interpolate_peak(*correlations[best - 1 : best + 2])),
+        peak,
+        0.5 * float(max(right - left, 1)) * _STEP,
     )
 
 
-def _speech_band(sound: Sound) -> Sound:
+def _interpolate_peak(before: float, peak: float, after: float) -> float:
+    """Return where the parabola through three values is highest, in steps from the middle one."""
+    curvature = before - 2 * peak + after
+    return 0.5 * (before - after) / curvature if curvature < 0 else 0.0
+
+
+def _filter_speech_band(sound: Sound) -> Sound:
     from scipy.signal import butter, sosfiltfilt
 
     low, high = _BAND
@@ -154,13 +159,12 @@ def _speech_band(sound: Sound) -> Sound:
     return sound.replace(samples=sosfiltfilt(band, sound.samples.mean(axis=1)))
 
 
-def _quick_part(values: FloatArray, rate: float) -> FloatArray:
-    """Without what changes slowly."""
+def _remove_slow_part(values: FloatArray, rate: float) -> FloatArray:
     from scipy.signal import butter, sosfiltfilt
 
     if rate <= 2.5 * _SLOWEST:
-        level: FloatArray = values - values.mean()
-        return level
+        centred: FloatArray = values - values.mean()
+        return centred
     quick: FloatArray = sosfiltfilt(
         butter(1, _SLOWEST, "highpass", fs=rate, output="sos"),
         values,
@@ -169,14 +173,15 @@ def _quick_part(values: FloatArray, rate: float) -> FloatArray:
     return quick
 
 
-def _correlation(
+def _correlate(
     distance: FloatArray, times: FloatArray, grid: FloatArray, energy: FloatArray, rate: float
 ) -> float:
-    heard = np.interp(times, grid, energy, left=np.nan, right=np.nan)
-    both = np.isfinite(heard) & np.isfinite(distance)
+    """Return the correlation of lip opening and energy where both are known; NaN for too few."""
+    energies = np.interp(times, grid, energy, left=np.nan, right=np.nan)
+    both = np.isfinite(energies) & np.isfinite(distance)
     if both.sum() < max(3, _SHORTEST * rate, _SHARE * len(distance)):
         return float("nan")
-    one, other = distance[both], heard[both]
+    one, other = distance[both], energies[both]
     one, other = one - one.mean(), other - other.mean()
     size = float(np.sqrt((one @ one) * (other @ other)))
     return float(one @ other) / size if size > 0 else float("nan")

@@ -1,4 +1,4 @@
-"""A recording brought to the clock of its sound.
+"""Bring a recording to the clock of its sound.
 
 Frames are not resampled: the start time and the rate of the tracks become those of the sound's
 clock, so that every measured value stays as it was measured and only its time changes. Where the
@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from mocap_fit.errors import DataError
-from mocap_fit.sound.estimate import LARGEST_OFFSET, OffsetEstimate, estimate_offset
+from mocap_fit.sound.estimate import MAX_OFFSET, OffsetEstimate, estimate_offset
 from mocap_fit.sound.pulses import PulseTrain, decode_pulses
 from mocap_fit.sound.wav import Sound
 from mocap_fit.tracks import Event, MarkerTracks, ParameterTracks, PoseTracks
@@ -25,7 +25,7 @@ _AnyTracks = TypeVar("_AnyTracks", MarkerTracks, PoseTracks, ParameterTracks)
 
 @dataclass(frozen=True)
 class Synchronisation:
-    """How a recording lies on the clock of its sound.
+    """The relation of a recording's clock to that of its sound.
 
     Parameters
     ----------
@@ -33,17 +33,20 @@ class Synchronisation:
         ``pulses``: measured; ``estimate``: from opening lips and energy; ``none``: what the
         recording or its manifest says.
     start_time
-        Seconds: the first frame on the sound's clock.
+        Time of the first frame on the sound's clock, seconds.
     rate
-        Frames a second of the sound's clock.
+        Frame rate on the sound's clock, hertz.
     drift_ppm
-        Millionths by which that is more than the recording says; None without pulses.
-    missing, extra
-        Frames whose pulse is missing, and pulses besides; None where that is not known.
+        Relative difference of that rate from the recording's, millionths (ppm); None without
+        pulses.
+    missing
+        Number of frames whose pulse is missing; None without pulses.
+    extra
+        Number of pulses between those of the frames; None where that is not known.
     residual
-        Seconds: root mean square distance of the pulses from an even clock; None where not known.
+        Root mean square distance of the pulses from an even clock, seconds; None where not known.
     correlation
-        Of lip opening and energy; None where nothing was estimated.
+        Correlation of lip opening and energy, -1 to 1; None where nothing was estimated.
     """
 
     kind: SyncKind
@@ -61,32 +64,71 @@ class Synchronisation:
         return self.kind == "estimate"
 
     @classmethod
-    def of_pulses(cls, train: PulseTrain) -> Synchronisation:
-        """What the pulses say."""
+    def from_pulses(cls, train: PulseTrain) -> Synchronisation:
+        """Return the clock that pulses measure.
+
+        Parameters
+        ----------
+        train
+            The decoded pulses.
+
+        Returns
+        -------
+        Synchronisation
+            Its kind is ``pulses``.
+        """
         return cls(
             "pulses",
             train.start_time,
             train.frame_rate,
             train.drift_ppm,
-            int((~train.heard).sum()),
+            int((~train.present).sum()),
             train.extra,
             train.residual,
         )
 
     @classmethod
-    def of_estimate(cls, estimate: OffsetEstimate, rate: float) -> Synchronisation:
-        """What the estimate says; the rate is the recording's own."""
+    def from_estimate(cls, estimate: OffsetEstimate, rate: float) -> Synchronisation:
+        """Return the clock of an estimate, which has the rate of the recording.
+
+        Parameters
+        ----------
+        estimate
+            The estimated start time.
+        rate
+            Frame rate of the recording, hertz.
+
+        Returns
+        -------
+        Synchronisation
+            Its kind is ``estimate``.
+        """
         return cls("estimate", estimate.start_time, rate, correlation=estimate.correlation)
 
     def to_dict(self) -> dict[str, Any]:
-        """What is known, as JSON can hold it, with ``is_estimate``."""
+        """Convert the fields that are known to values that JSON can hold.
+
+        Returns
+        -------
+        dict
+            By name, with ``is_estimate``.
+        """
         known = {k: v for k, v in dataclasses.asdict(self).items() if v is not None}
         return {**known, "is_estimate": self.is_estimate}
 
     def apply(self, tracks: _AnyTracks) -> _AnyTracks:
-        """Tracks on the sound's clock: other start time, rate and times of events, same frames.
+        """Bring tracks to the sound's clock.
 
-        The provenance says how, in the step ``synchronise``.
+        Parameters
+        ----------
+        tracks
+            Tracks of the recording, on its clock.
+
+        Returns
+        -------
+        MarkerTracks, PoseTracks or ParameterTracks
+            The same frames with another start time and rate, and the times of events moved with
+            them; the step ``synchronise`` of the provenance has the fields.
         """
         events = tuple(
             Event(e.name, self.start_time + (e.time - tracks.start_time) * tracks.rate / self.rate)
@@ -104,69 +146,74 @@ def synchronise(
     channel: int = 2,
     spare: tuple[int, int] = (0, 0),
     lips: tuple[str, str] | None = None,
-    about: float | None = None,
-    largest: float = LARGEST_OFFSET,
+    start_time: float | None = None,
+    max_offset: float = MAX_OFFSET,
 ) -> tuple[MarkerTracks, Synchronisation]:
     """Bring a recording to the clock of its sound.
 
     Parameters
     ----------
     recording
-        The markers, without the head's motion or with it.
+        The markers, with or without the head's motion.
     sound
         All its channels; None only where `kind` is ``none``.
     kind
         ``pulses``: from a pulse a frame on a channel; ``estimate``: from opening lips and louder
-        speech, on the mean of the channels; ``none``: nothing is changed but the provenance.
+        speech, on the mean of the channels; ``none``: only the provenance changes.
     channel
-        The channel of the pulses, from 1.
+        The channel of the pulses; the first is 1.
     spare
-        How many pulses come before the first frame's and after the last's: some systems give one
+        Numbers of pulses before the first frame's and after the last's: some systems give one
         when they are armed, or at the end of the last exposure.
     lips
-        Names of a marker on the upper and one on the lower lip, for the estimate.
-    about
-        Seconds: where the first frame is, about. With pulses it decides between frames where the
-        first or last pulse is missing; for the estimate it is the middle of the search.
-    largest
-        Seconds: how far from there the estimate may be.
+        Names of a marker on the upper lip and one on the lower lip, for the estimate.
+    start_time
+        Approximate time of the first frame, seconds. With pulses it decides between frames where
+        the first or last pulse is missing, if it is known; for the estimate it is the middle of
+        the search, and that of the recording if None.
+    max_offset
+        Distance from there to the ends of the search of the estimate, seconds.
 
     Returns
     -------
     MarkerTracks
         The same frames on the sound's clock.
     Synchronisation
-        How they lie on it.
+        Start time, rate and how they are known.
 
     Raises
     ------
     DataError
-        As `decode_pulses` and `estimate_offset` do, or if the channel or the markers are not
-        there.
+        If the channel or a marker is missing, the pulses cannot be decoded, or the offset cannot
+        be estimated.
     """
     if sound is None and kind != "none":
         raise DataError("there is no sound to synchronise with", found=recording.name)
     if kind == "pulses" and sound is not None:
         before, after = spare
         train = decode_pulses(
-            sound.channel(channel),
+            sound.get_channel(channel),
             sound.rate,
             recording.rate,
             before + recording.frames + after,
-            start_time=None if about is None else about - before / recording.rate,
-        ).part(before, before + recording.frames)
-        found = Synchronisation.of_pulses(train)
+            start_time=None if start_time is None else start_time - before / recording.rate,
+        ).select(before, before + recording.frames)
+        result = Synchronisation.from_pulses(train)
     elif kind == "estimate" and sound is not None:
         if lips is None:
             raise DataError(
                 "an estimate needs a marker on each lip", advice="Name them (lips=...)."
             )
         upper, lower = (recording.position(name) for name in lips)
-        opening = np.linalg.norm(upper - lower, axis=1)
-        middle = recording.start_time if about is None else about
-        estimate = estimate_offset(opening, recording.rate, sound, about=middle, largest=largest)
-        found = Synchronisation.of_estimate(estimate, recording.rate)
+        estimate = estimate_offset(
+            np.linalg.norm(upper - lower, axis=1),
+            recording.rate,
+            sound,
+            start_time=recording.start_time if start_time is None else start_time,
+            max_offset=max_offset,
+        )
+        result = Synchronisation.from_estimate(estimate, recording.rate)
     else:
-        start = recording.start_time if about is None else about
-        found = Synchronisation("none", start, recording.rate)
-    return found.apply(recording), found
+        start = recording.start_time if start_time is None else start_time
+        result = Synchronisation("none", start, recording.rate)
+    return result.apply(recording), result

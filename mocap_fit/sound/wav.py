@@ -13,32 +13,32 @@ from typing import Literal, Self, get_args
 import numpy as np
 
 from mocap_fit.atomic_file import write_atomically
-from mocap_fit.errors import DataError, FileFormatError, from_os_error
+from mocap_fit.errors import DataError, FileFormatError, from_os_error, with_path
 from mocap_fit.tracks import FloatArray
 
 Encoding = Literal["PCM_16", "PCM_24", "PCM_32", "FLOAT", "DOUBLE"]
 _ENCODINGS: tuple[Encoding, ...] = get_args(Encoding)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Sound:
     """Sound of one or more channels.
 
     Parameters
     ----------
     samples
-        `(samples, channels)`; one dimension is one channel. Full scale is 1.
+        Samples, ``(samples, channels)``, or ``(samples,)`` for one channel. Full scale is 1.
     rate
-        Samples a second, hertz.
+        Sampling rate, hertz.
     name
-        What it is called; the file name without its ending when it was read.
+        Its name; when it was read, the file name without its ending.
     encoding
-        How its samples were stored, and are when it is written.
+        How its samples are stored in a file.
 
     Raises
     ------
     DataError
-        If the shape or the rate is impossible, or a sample is not a finite number.
+        If the shape or the rate is out of range, or a sample is not a finite number.
     """
 
     samples: FloatArray
@@ -61,14 +61,14 @@ class Sound:
             )
         if not np.isfinite(self.rate) or self.rate <= 0:
             raise DataError(
-                "the sampling rate is not possible",
+                "the sampling rate is out of range",
                 found=f"{self.rate} Hz",
                 expected="a number above 0",
             )
         bad = ~np.isfinite(samples)
         if bad.any():
             raise DataError(
-                "the sound has samples that are no numbers",
+                "the sound has samples that are not numbers",
                 found=f"{int(bad.sum())}, the first is sample {int(np.argwhere(bad)[0][0])}",
             )
         samples.setflags(write=False)
@@ -78,6 +78,10 @@ class Sound:
     def __len__(self) -> int:
         return len(self.samples)
 
+    def __repr__(self) -> str:
+        channels = "1 channel" if self.channels == 1 else f"{self.channels} channels"
+        return f"Sound({self.name!r}, {channels}, {self.duration:.2f} s at {self.rate:g} Hz)"
+
     @property
     def channels(self) -> int:
         """Number of channels."""
@@ -85,11 +89,21 @@ class Sound:
 
     @property
     def duration(self) -> float:
-        """Number of samples over the rate, in seconds."""
+        """Number of samples over the rate, seconds."""
         return len(self.samples) / self.rate
 
-    def channel(self, number: int) -> FloatArray:
-        """The samples of one channel, `(samples,)`; the first channel is 1.
+    def get_channel(self, number: int) -> FloatArray:
+        """Return the samples of one channel.
+
+        Parameters
+        ----------
+        number
+            The channel; the first is 1.
+
+        Returns
+        -------
+        ndarray
+            Samples, ``(samples,)``; full scale is 1.
 
         Raises
         ------
@@ -105,25 +119,52 @@ class Sound:
         samples: FloatArray = self.samples[:, number - 1]
         return samples
 
-    def without_channel(self, number: int) -> Self:
-        """The sound without one of its channels, such as that of the pulses.
+    def drop_channel(self, number: int) -> Self:
+        """Return the sound without one of its channels, such as that of the pulses.
+
+        Parameters
+        ----------
+        number
+            The channel; the first is 1.
+
+        Returns
+        -------
+        Sound
+            The other channels.
 
         Raises
         ------
         DataError
             If there is no such channel, or no other.
         """
-        self.channel(number)
+        self.get_channel(number)
         if self.channels == 1:
             raise DataError(f"the sound has no channel but channel {number}")
         return self.replace(samples=np.delete(self.samples, number - 1, axis=1))
 
-    def mono(self) -> Self:
-        """The mean of the channels, as one."""
+    def to_mono(self) -> Self:
+        """Return the mean of the channels.
+
+        Returns
+        -------
+        Sound
+            One channel.
+        """
         return self.replace(samples=self.samples.mean(axis=1))
 
     def replace(self, **changes: object) -> Self:
-        """A copy with some fields changed, checked again."""
+        """Return a copy with some fields changed, checked again.
+
+        Parameters
+        ----------
+        **changes
+            Fields and their new values.
+
+        Returns
+        -------
+        Sound
+            The copy.
+        """
         return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
 
 
@@ -135,12 +176,33 @@ def read_sound(path: str | os.PathLike[str]) -> Sound:
     path
         The file.
 
+    Returns
+    -------
+    Sound
+        All its channels.
+
     Raises
     ------
+    MissingFileError
+        If there is no such file.
     FileFormatError
-        If there is no such file, it is not sound, or it holds no sample.
+        If it is not a sound file, or it holds no sample.
     DataError
         If a sample is not a finite number.
+
+    See Also
+    --------
+    read_tracks : Read the markers of the recording that belongs to it.
+    render_movie : Make a movie of a talking head, with sound.
+
+    Examples
+    --------
+    >>> import mocap_fit as mf
+    >>> sound = mf.read_sound(mf.load_sample("take_01.wav"))
+    >>> sound
+    Sound('take_01', 1 channel, 3.08 s at 8000 Hz)
+    >>> sound.samples.shape
+    (24640, 1)
     """
     import soundfile
 
@@ -161,36 +223,32 @@ def read_sound(path: str | os.PathLike[str]) -> Sound:
         ) from None
     if not len(samples):
         raise FileFormatError("the sound file holds no sample", path=path)
-    encoding: Encoding = "PCM_16"
-    for known in _ENCODINGS:
-        encoding = known if stored == known else encoding
+    encoding = next((known for known in _ENCODINGS if stored == known), _ENCODINGS[0])
     try:
         return Sound(samples, rate, name=file.stem, encoding=encoding)
     except DataError as error:
-        raise DataError(
-            error.problem, path=path, found=error.found, expected=error.expected
-        ) from None
+        raise with_path(error, path) from None
 
 
 def write_sound(
     sound: Sound, path: str | os.PathLike[str], *, encoding: Encoding | None = None
 ) -> None:
-    """Write a wav file, whole or not at all; the same sound gives the same bytes.
+    """Write a wav file atomically; the same sound gives the same bytes.
 
     Parameters
     ----------
     sound
-        What to write; the rate must be a whole number of hertz.
+        The sound; its rate must be an integer number of hertz.
     path
-        The file; one that exists is replaced.
+        The file; an existing one is replaced.
     encoding
-        How a sample is stored; as the sound says where not given. As whole numbers
-        (``PCM_16``), samples beyond full scale are clipped.
+        How samples are stored; that of the sound if None. As integers (``PCM_16``), samples
+        beyond full scale are clipped.
 
     Raises
     ------
     DataError
-        If the rate is not a whole number.
+        If the rate is not an integer.
     FileFormatError
         If the file cannot be written.
     """
@@ -202,7 +260,7 @@ def write_sound(
             "a wav file cannot hold this sampling rate",
             path=path,
             found=f"{sound.rate} Hz",
-            expected="a whole number",
+            expected="an integer",
         )
     samples: FloatArray = sound.samples
     encoding = encoding or sound.encoding
@@ -211,15 +269,15 @@ def write_sound(
     stream = io.BytesIO()
     soundfile.write(stream, samples, rate, subtype=encoding, format="WAV")
     with write_atomically(path) as partial:
-        partial.write_bytes(_without_clock_time(stream.getvalue()))
+        partial.write_bytes(_remove_clock_time(stream.getvalue()))
 
 
-def _without_clock_time(content: bytes) -> bytes:
-    """The file without the time of writing, which libsndfile puts beside the peaks of floats."""
-    place = 12
-    while place + 16 <= len(content):
-        (size,) = struct.unpack_from("<I", content, place + 4)
-        if content[place : place + 4] == b"PEAK":
-            return content[: place + 12] + bytes(4) + content[place + 16 :]
-        place += 8 + size + size % 2
+def _remove_clock_time(content: bytes) -> bytes:
+    """Return a file without the time of writing, which libsndfile notes beside peaks of floats."""
+    start = 12
+    while start + 16 <= len(content):
+        (size,) = struct.unpack_from("<I", content, start + 4)
+        if content[start : start + 4] == b"PEAK":
+            return content[: start + 12] + bytes(4) + content[start + 16 :]
+        start += 8 + size + size % 2
     return content

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.signal import butter, sosfilt
 
@@ -22,11 +22,16 @@ def test_clean_pulses_are_decoded_to_the_sample(rate, part, make_train):
     train = make_train(rate, width=width, drift_ppm=200)
     found = decode_pulses(train.channel, rate, 60.0, 240)
     assert (found.samples == train.samples).all()
-    assert found.heard.all()
+    assert found.present.all()
     assert (found.frames, found.extra) == (240, 0)
     assert found.drift_ppm == pytest.approx(200, abs=1)
     assert found.residual < 1 / rate
     np.testing.assert_allclose(found.times, train.times, atol=0.5 / rate)
+
+
+def clean_train(*values):
+    names = ("frame_rate", "frames", "drift", "start", "height", "sign", "level", "width", "tail")
+    return example(**dict(zip(names, values, strict=True)))
 
 
 @settings(max_examples=20, deadline=None)
@@ -38,16 +43,42 @@ def test_clean_pulses_are_decoded_to_the_sample(rate, part, make_train):
     height=st.floats(0.01, 1.0),
     sign=st.sampled_from([-1, 1]),
     level=st.floats(-0.5, 0.5),
+    width=st.integers(1, 20),
+    tail=st.sampled_from([0.0, 0.3, 3.0]),
 )
-def test_any_clean_train(frame_rate, frames, drift, start, height, sign, level, make_train):
+# A level that is not 0 was refused, or was a sample off.
+@clean_train(25.0, 30, 151.0, 1.0, 0.5, 1, 0.5, 8, 0.3)
+@clean_train(25.0, 30, 0.0, 1.0, 0.25, 1, 0.5, 8, 0.3)
+@clean_train(60.0, 60, 100.0, 1.0, 0.01, -1, 100.0, 8, 0.3)
+# Narrow pulses, on a clock that is a sample off.
+@clean_train(240.0, 135, 990.19, 7.577288, 0.5, 1, 0.0, 2, 0.3)
+@clean_train(25.0, 158, 25.5, 8.4131727, 1.0, -1, 100.0, 1, 3.0)
+@clean_train(100.0, 151, 292.09, 0.0737164, 1.0, -1, 0.492, 1, 3.0)
+# Pulses at the ends of the sound.
+@clean_train(25.0, 158, -269.8, 6.2910815, 0.446, -1, 100.0, 8, 0.0)
+@clean_train(240.0, 197, 0.0, 0.0, 0.25, -1, 0.5, 1, 0.3)
+# A few pulses at the end of the first chunk of the search.
+@clean_train(240.0, 145, 0.0, 4.142042776773351, 0.01, -1, 0.5, 8, 3.0)
+def test_any_clean_train(
+    frame_rate, frames, drift, start, height, sign, level, width, tail, make_train
+):
     train = make_train(
-        16000, frame_rate, frames, drift_ppm=drift, start=start, height=height, width=8
+        16000,
+        frame_rate,
+        frames,
+        drift_ppm=drift,
+        start=start,
+        height=height,
+        width=width,
+        tail=tail,
     )
-    found = decode_pulses(sign * train.channel + level, 16000, frame_rate, frames)
-    assert (found.samples == train.samples).all()
+    decoded = decode_pulses(sign * train.channel + level, 16000, frame_rate, frames)
+    assert (decoded.samples == train.samples).all()
+    assert decoded.present.all()
+    assert decoded.extra == 0
     # A clock that is known to half a sample at its ends, the first frame and the last, tells no
     # less than this; a thousandth more for what is rounded.
-    assert abs(found.drift_ppm - drift) < 1.001e6 / ((frames - 1) / frame_rate * 16000)
+    assert abs(decoded.drift_ppm - drift) < 1.001e6 / ((frames - 1) / frame_rate * 16000)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -60,7 +91,7 @@ def test_noise_missing_pulses_and_drift(seed, make_train):
     assert root_mean_square(train, found) < 1000 / 48000
     assert found.drift_ppm == pytest.approx(200, abs=10)
     assert found.signal_to_noise_db == pytest.approx(10, abs=1)
-    assert (found.heard == ~train.missing).all()
+    assert (found.present == ~train.missing).all()
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -75,7 +106,7 @@ def test_missing_pulses_are_named(make_train):
     train = make_train(missing=0.2, drift_ppm=-150, seed=3)
     found = decode_pulses(train.channel, 48000, 60.0, 240, start_time=0.25)
     assert train.missing.sum() > 20
-    assert (found.heard == ~train.missing).all()
+    assert (found.present == ~train.missing).all()
     assert np.abs(found.samples - train.samples).max() <= 1
     assert (found.samples == train.samples)[~train.missing].all()
 
@@ -177,7 +208,7 @@ class TestWhatIsRefused:
             decode_pulses(channel, 48000, 60.0, 240)
         assert "0.2500 s" in str(caught.value)
         found = decode_pulses(channel, 48000, 60.0, 240, start_time=0.2533)
-        assert found.heard.sum() == 239
+        assert found.present.sum() == 239
         assert np.abs(found.samples - train.samples).max() <= 1
 
     @pytest.mark.parametrize("told", [50.0, 59.0, 100.0, 120.0])

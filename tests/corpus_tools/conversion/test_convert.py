@@ -136,7 +136,7 @@ class TestWhatIsWritten:
         before = read_sound(lab / "sound" / "sim001.wav")
         after = read_sound(open_corpus(corpus)["sim001"].sound_file)
         assert (before.channels, after.channels) == (2, 1)
-        np.testing.assert_array_equal(after.channel(1), before.channel(1))
+        np.testing.assert_array_equal(after.get_channel(1), before.get_channel(1))
 
     def test_phones_have_stress_words_and_energy(self, lab, corpus):
         utterance = open_corpus(corpus)["sim001"]

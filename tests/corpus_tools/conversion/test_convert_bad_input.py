@@ -81,7 +81,7 @@ def first_pulse_lost(lab, name):
 
 
 def one_channel(lab, name):
-    write_sound(read_sound(sound(lab, name)).mono(), sound(lab, name))
+    write_sound(read_sound(sound(lab, name)).to_mono(), sound(lab, name))
 
 
 def only_silence(lab, name):

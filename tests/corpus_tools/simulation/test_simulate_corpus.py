@@ -105,8 +105,8 @@ def test_pulses_give_the_clock_that_the_truth_names(corpus):
         truth = read_parquet(corpus / "truth" / "tracks" / f"{name}.parquet")
         pose = read_parquet(corpus / "truth" / "head" / f"{name}.parquet")
         assert sound.channels == 2
-        found = decode_pulses(sound.channel(2), sound.rate, recording.rate, recording.frames)
-        assert found.heard.all()
+        found = decode_pulses(sound.get_channel(2), sound.rate, recording.rate, recording.frames)
+        assert found.present.all()
         assert found.start_time == pytest.approx(clock["start_time"], abs=0.5 / sound.rate)
         assert found.samples[0] == clock["first_pulse_sample"]
         assert recording.frames == truth.frames == pose.frames == clock["frames"]
@@ -127,7 +127,7 @@ def test_face_and_sound_agree_with_the_labels(corpus):
     for name in names(corpus):
         phones = normalise_phones(read_phones(corpus / "labels" / f"{name}.TextGrid"), phone_set)
         truth = read_parquet(corpus / "truth" / "tracks" / f"{name}.parquet")
-        sound = read_sound(corpus / "sound" / f"{name}.wav").without_channel(2)
+        sound = read_sound(corpus / "sound" / f"{name}.wav").drop_channel(2)
         levels = energy_db(sound, 0.5 * (phones.starts + phones.ends))
         for segment, level in zip(phones, levels, strict=True):
             phone = phone_set.get_phone(segment)
@@ -177,7 +177,7 @@ def test_another_speaker_says_the_same(corpora, tmp_path):
 def test_drift_and_rate(tmp_path):
     path = simulated(tmp_path / "s", "--drift", -300, "--rate", 100)
     sound = read_sound(path / "sound" / "sim001.wav")
-    found = decode_pulses(sound.channel(2), sound.rate, 100.0)
+    found = decode_pulses(sound.get_channel(2), sound.rate, 100.0)
     assert found.drift_ppm == pytest.approx(-300, abs=15)
     assert load_manifest(path / "manifest.toml").rate == 100
 
