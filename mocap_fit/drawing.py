@@ -1,8 +1,8 @@
-"""One look for all figures, and how they are written.
+"""The one style of all figures, and writing them to files.
 
-Colours are Okabe and Ito's, which people with any colour vision can tell apart. A figure is drawn
-by a function that makes a `matplotlib.figure.Figure` with `new_figure`; `save_figure` gives it the
-look and writes it.
+Colours are Okabe and Ito's, which people with any colour vision can distinguish. A figure for a
+file is drawn by a function that makes a `matplotlib.figure.Figure` with `new_figure`, to which
+`save_figure` applies the style; `new_axes` makes the axes of a figure to look at.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ from mocap_fit.atomic_file import write_atomically
 from mocap_fit.errors import FileFormatError
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 PINK, SKY, YELLOW = "#CC79A7", "#56B4E9", "#F0E442"
-#: In the order in which lines of one figure take them.
+#: Colours of the lines of one figure, in order.
 CYCLE = (BLUE, RED, GREEN, ORANGE, PINK, SKY, "#6A3D9A", "#8A8A8A", "#A6761D", "#1B1B1B")
 INK, GREY, PALE = "#222222", "#8A8A8A", "#D9D9D9"
 _STYLE: Any = {
@@ -41,10 +42,10 @@ _STYLE: Any = {
     "legend.frameon": False,
     "legend.fontsize": 9,
     "figure.titlesize": 11,
-    # Names of elements in an SVG file are made of this and not of chance.
+    # Names of elements in an SVG file are derived from this text instead of random numbers.
     "svg.hashsalt": "mocap-fit",
 }
-# Nothing of the moment or the program goes into a file.
+# Neither the time nor the program's version is written to a file.
 _METADATA: Mapping[str, Mapping[str, None]] = {
     "png": {"Software": None},
     "svg": {"Date": None, "Creator": None},
@@ -54,23 +55,25 @@ _METADATA: Mapping[str, Mapping[str, None]] = {
 def new_figure(
     size: tuple[float, float], rows: int = 1, columns: int = 1, **options: Any
 ) -> tuple[Figure, Any]:
-    """Make a figure and its panels.
+    """Make a figure for a file, with its panels.
 
     Parameters
     ----------
     size
         Width and height, inches.
-    rows, columns
-        Of panels.
-    options
-        For `Figure.subplots`.
+    rows
+        Number of rows of panels.
+    columns
+        Number of columns of panels.
+    **options
+        Further arguments of `Figure.subplots`.
 
     Returns
     -------
-    figure
-        Not known to pyplot: it opens no window and does not outlive its use.
-    panels
-        `(rows, columns)` of axes.
+    figure : matplotlib.figure.Figure
+        Not known to pyplot: it opens no window and is freed after its use.
+    panels : ndarray
+        Axes, ``(rows, columns)``.
     """
     from matplotlib.figure import Figure
 
@@ -78,32 +81,59 @@ def new_figure(
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def figure_title(figure: Figure, text: str) -> None:
-    """Write the title of a figure, at the left."""
+def new_axes(size: tuple[float, float]) -> Axes:
+    """Make the axes of a figure to look at, in a window or a notebook.
+
+    Parameters
+    ----------
+    size
+        Width and height, inches.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Of a figure that pyplot knows, so that a notebook or ``pyplot.show`` displays it.
+    """
+    from matplotlib import pyplot, rc_context
+
+    with rc_context(_STYLE):
+        return pyplot.subplots(figsize=size, layout="constrained")[1]
+
+
+def write_title(figure: Figure, text: str) -> None:
+    """Write the title of a figure, at the left.
+
+    Parameters
+    ----------
+    figure
+        The figure.
+    text
+        The title.
+    """
     figure.suptitle(text, x=0.01, ha="left", fontweight="bold")
 
 
 def save_figure(path: Path, draw: Callable[..., Figure], *arguments: Any) -> None:
-    """Draw a figure and write it, whole or not at all; the same figure, the same bytes.
+    """Draw a figure and write it to a file; the same figure gives the same bytes.
 
     Parameters
     ----------
     path
-        A name in ``.png`` or ``.svg``.
+        A name that ends in ``.png`` or ``.svg``.
     draw
-        Makes the figure.
-    arguments
-        What it takes.
+        The function that makes the figure.
+    *arguments
+        Its arguments.
 
     Raises
     ------
     FileFormatError
-        If the name ends otherwise.
+        If the name ends otherwise, or the file cannot be written.
     """
     import matplotlib
 
-    kind = path.suffix.lower().removeprefix(".")
-    if kind not in _METADATA:
+    extension = path.suffix.lower().removeprefix(".")
+    if extension not in _METADATA:
         raise FileFormatError(
             "figures are not written in this format",
             path=path,
@@ -111,4 +141,4 @@ def save_figure(path: Path, draw: Callable[..., Figure], *arguments: Any) -> Non
         )
     with write_atomically(path, "figure") as partial, matplotlib.rc_context(_STYLE):
         figure = draw(*arguments)
-        figure.savefig(partial, format=kind, dpi=150, metadata=_METADATA[kind])
+        figure.savefig(partial, format=extension, dpi=150, metadata=_METADATA[extension])

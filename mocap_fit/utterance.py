@@ -16,7 +16,7 @@ import numpy as np
 from mocap_fit.errors import DataError, FileFormatError
 from mocap_fit.phones import PhoneSequence, read_stored_phones
 from mocap_fit.tracks import MarkerTracks, ParameterTracks, PoseTracks, read_parquet
-from mocap_fit.tracks.parquet_file import damaged, read_table, write_table
+from mocap_fit.tracks.parquet_file import from_damaged_table, read_table, write_table
 
 UTTERANCES_FILE = "utterances.parquet"
 _COLUMNS = ("id", "speaker", "session", "split", "duration", "text", "sources", "checks")
@@ -281,4 +281,4 @@ def read_utterances(folder: Path) -> tuple[Utterance, ...]:
             for row in rows
         )
     except (KeyError, TypeError, ValueError) as error:
-        raise damaged(path, error) from None
+        raise from_damaged_table(error, path) from None

@@ -81,7 +81,7 @@ def test_lips_close_and_follow(fitted: dict, data_folder: Path) -> None:
         known = np.isfinite(tracks.values[:, 0])
         fit = np.array([np.linalg.norm(p[0] - p[1]) for p in points]) / scale
         measured = np.linalg.norm(
-            recording.position("lip_inner_mid_upper") - recording.position("lip_inner_mid_lower"),
+            recording["lip_inner_mid_upper"] - recording["lip_inner_mid_lower"],
             axis=1,
         )
         all_fit.append(fit[known])

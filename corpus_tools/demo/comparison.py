@@ -15,6 +15,7 @@ from mocap_fit.fitting import Binding, ShapeFit
 from mocap_fit.fitting.precision import compute_covariance
 from mocap_fit.head import HeadMotion
 from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks, PoseTracks
+from mocap_fit.tracks.rigid import apply_inverse_transforms
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +53,10 @@ class FittedRecording:
     @property
     def in_head_coordinates(self) -> FloatArray:
         """The recorded markers without the head's motion that was found, `(frames, markers, 3)`."""
-        shifted = self.recording.positions - self.motion.translations[:, None]
-        return np.asarray(np.einsum("fji,fpj->fpi", self.motion.rotations, shifted))
+        motion = self.motion
+        return apply_inverse_transforms(
+            self.recording.positions, motion.rotations, motion.translations
+        )
 
     @property
     def hidden(self) -> NDArray[np.bool_]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from corpus_tools.demo.comparison import Accuracy, FittedRecording, pose_errors
-from mocap_fit.drawing import BLUE, GREEN, GREY, INK, ORANGE, PALE, RED, figure_title, new_figure
+from mocap_fit.drawing import BLUE, GREEN, GREY, INK, ORANGE, PALE, RED, new_figure, write_title
 from mocap_fit.fitting import Binding
 from mocap_fit.tracks import FloatArray
 
@@ -75,7 +75,7 @@ def track_figure(recording: FittedRecording, speaker: str = "") -> Figure:
         spare.axis("off")
     figure.supylabel("parameter (0 rest, 1 full gesture)", fontsize=9)
     of_whom = f" of {speaker}" if speaker else ""
-    figure_title(figure, f"Face parameters of the recording {truth.name}{of_whom}: truth and fit")
+    write_title(figure, f"Face parameters of the recording {truth.name}{of_whom}: truth and fit")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     if not recording.motion.known.all():
         handles.append(_patch(RED, 0.25))
@@ -131,7 +131,7 @@ def residual_figure(recording: FittedRecording) -> Figure:
     by_marker.set_title("each marker", pad=3)
     by_marker.set_xlabel("RMS (mm)")
     by_marker.grid(axis="x")
-    figure_title(figure, f"Residuals of the recording {recording.truth.name}")
+    write_title(figure, f"Residuals of the recording {recording.truth.name}")
     return figure
 
 
@@ -165,7 +165,7 @@ def accuracy_figure(by_objective: dict[str, Accuracy], noise: float) -> Figure:
     axis.set_xlim(left=0)
     axis.grid(axis="x")
     figure.legend(loc="outside lower center", ncols=1 + len(by_objective))
-    figure_title(figure, f"Error of the parameters and its bound: {noise:g} mm of marker noise")
+    write_title(figure, f"Error of the parameters and its bound: {noise:g} mm of marker noise")
     return figure
 
 
@@ -209,7 +209,7 @@ def head_figure(recording: FittedRecording) -> Figure:
         below.grid(axis="y")
         _shade(axis, times, ~motion.known)
         _shade(below, times, ~motion.known)
-    figure_title(
+    write_title(
         figure,
         f"Head motion of the recording {recording.truth.name} (thin: found, broad: truth), at the "
         "centre of the reference markers",
@@ -277,7 +277,7 @@ def face_figure(recording: FittedRecording, binding: Binding, frames: Sequence[i
         ),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
-    figure_title(figure, f"The face fitted to the recording {recording.truth.name}")
+    write_title(figure, f"The face fitted to the recording {recording.truth.name}")
     return figure
 
 

@@ -23,7 +23,7 @@ from mocap_fit.labels import (
 )
 from mocap_fit.phones import list_phone_sets, load_phone_set, read_stored_phones
 from mocap_fit.sound import energy_db, read_sound
-from mocap_fit.tracks.parquet_file import kind_of
+from mocap_fit.tracks.parquet_file import read_kind
 
 _SOUND = (".wav", ".flac", ".aif", ".aiff", ".ogg")
 # More than these are counted only.
@@ -53,7 +53,7 @@ def contents(path: str | os.PathLike[str]) -> Mapping[str, Any]:
         return _corpus(path, file.parent if file.name == DESCRIPTION_FILE else file)
     if file.suffix.lower() in _SOUND:
         return _sound(path)
-    if file.suffix.lower() == ".parquet" and kind_of(file) == "phones":
+    if file.suffix.lower() == ".parquet" and read_kind(file) == "phones":
         return _phones(path)
     if _is_labels(file):
         return _labels(path)

@@ -15,8 +15,9 @@ from corpus_tools.validation.shapes import Fitted, Stilled
 from corpus_tools.validation.slips import find_slips
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.fitting import Layout
-from mocap_fit.tracks import FloatArray, MarkerTracks, rigid_transforms, spread
-from mocap_fit.tracks.gaps import runs
+from mocap_fit.tracks import FloatArray, MarkerTracks, compute_spread, rigid_transforms
+from mocap_fit.tracks.interpolation import find_runs
+from mocap_fit.tracks.rigid_sets import median_points, typical_shape
 
 _UNITS = {1000.0: "metres", 100.0: "decimetres", 10.0: "centimetres", 25.4: "inches"}
 # Recordings that tell what is usual in a session.
@@ -107,14 +108,14 @@ def check_head(
     residuals = still.residuals
     if len(head) == 3:
         # The pose rests on all markers there; of these three the residual is their own.
-        shape = shapes.typical_shape(positions)
+        shape = typical_shape(positions)
         residuals = rigid_transforms(shape, positions)[2]
     some = recording.visible.any(axis=1)
     unknown = np.isnan(residuals) & some
     if some.any() and unknown.sum() > rigid.pose_unknown * some.sum():
         yield Finding(
             "MF126",
-            at(place, recording, "head", runs(unknown)[0]),
+            at(place, recording, "head", find_runs(unknown)[0]),
             f"in {unknown.sum() / some.sum():.0%} of the frames",
             f"at most {rigid.pose_unknown:.0%}",
         )
@@ -188,7 +189,7 @@ def _session_shape(members: Sequence[Shape], limits: Thresholds) -> _Session | N
         for row, (one, fit) in enumerate(zip(placed, fits, strict=True)):
             if fit is not None and not fit.mirrored:
                 aligned[row] = _moved(one, fit, base)
-        base = shapes.seen_median(aligned)
+        base = median_points(aligned)
     usable = [r for r in rotations if r is not None]
     if len(usable) < _FEWEST:
         return None
@@ -196,15 +197,15 @@ def _session_shape(members: Sequence[Shape], limits: Thresholds) -> _Session | N
     usual = usable[int(np.argmin(angles))]
     sizes = np.array([_spread(one) for one in placed])
     # `base` has the size of the recording that came first: give it the session's.
-    centre = shapes.seen_median(np.array([shapes.seen_median(one) for one in placed]))
-    shape = (base - shapes.seen_median(base)) @ usual
+    centre = median_points(np.array([median_points(one) for one in placed]))
+    shape = (base - median_points(base)) @ usual
     shape = shape * float(np.nanmedian(sizes) / _spread(shape)) + centre
     differences = np.linalg.norm(aligned - base, axis=2)
-    return _Session(names, shape, shapes.seen_median(differences), centre)
+    return _Session(names, shape, median_points(differences), centre)
 
 
 def _spread(points: FloatArray) -> float:
-    return float(np.sqrt((spread(points) ** 2).sum()))
+    return float(np.sqrt((compute_spread(points) ** 2).sum()))
 
 
 def _angle(matrix: FloatArray) -> float:
@@ -289,7 +290,7 @@ def _axes(member: Shape, middle: _Session | None, limits: Thresholds) -> Iterato
     if fit.mirrored:
         kind, words = shapes.in_words(fit.matrix)
         # Exchanged names leave the head where it was; a reversed axis does not.
-        centre = shapes.seen_median(here)
+        centre = median_points(here)
         size = _spread(middle.shape)
         there = np.linalg.norm(centre - middle.centre)
         moved = np.linalg.norm(centre - fit.scale * fit.matrix @ middle.centre)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from corpus_tools.validation.exchanges import Exchange, find_exchanges, previous
 from corpus_tools.validation.findings import Evidence, Finding, Place
 from corpus_tools.validation.thresholds import Thresholds
-from mocap_fit.tracks import FloatArray, MarkerTracks, Origin, gap_report
-from mocap_fit.tracks.gaps import runs
+from mocap_fit.tracks import FloatArray, MarkerTracks, Origin, count_gaps
+from mocap_fit.tracks.interpolation import find_runs
 
 # Frames on each side of a place that its picture shows.
 _MARGIN = 25
@@ -125,14 +125,14 @@ def _liveliest(positions: FloatArray) -> int:
 
 def _gaps(recording: MarkerTracks, place: Place, limits: Thresholds) -> Iterator[Finding]:
     empty = np.asarray(~recording.visible.any(axis=1))
-    for run in runs(empty):
+    for run in find_runs(empty):
         if run.stop - run.start >= limits.markers.empty_frames:
             yield Finding("MF109", at(place, recording, "", run), f"{run.stop - run.start} frames")
     seen = recording.replace(positions=recording.positions[~empty], origin=recording.origin[~empty])
     if not seen.frames:
         yield Finding("MF103", at(place, recording, "all"), "no sample of any marker")
         return
-    for marker in gap_report(seen).markers:
+    for marker in count_gaps(seen).markers:
         where = at(place, recording, marker.name)
         if marker.missing == seen.frames:
             yield Finding("MF103", where, "no sample")
@@ -146,7 +146,7 @@ def _gaps(recording: MarkerTracks, place: Place, limits: Thresholds) -> Iterator
             )
         if marker.longest_seconds > limits.markers.longest_gap:
             hidden = ~recording.visible[:, recording.index(marker.name)]
-            run = max(runs(hidden), key=lambda run: run.stop - run.start)
+            run = max(find_runs(hidden), key=lambda run: run.stop - run.start)
             yield Finding(
                 "MF102",
                 at(place, recording, marker.name, run),
@@ -178,7 +178,7 @@ def _stuck(
         )
     shortest = max(limits.markers.stuck_frames, round(limits.markers.stuck_time * recording.rate))
     for marker, name in enumerate(recording.names):
-        for run in runs(same[:, marker] & (moving | copies)):
+        for run in find_runs(same[:, marker] & (moving | copies)):
             stuck = slice(run.start, run.stop + 1)
             inside = moving[run]
             if stuck.stop - stuck.start >= shortest and inside.mean() > 0.5:
@@ -271,7 +271,7 @@ def _spikes(track: FloatArray, rate: float, limits: Thresholds) -> Iterator[tupl
     frames[seen[wrong]] = True
     size = np.zeros(len(track))
     size[seen] = heights
-    for run in runs(frames):
+    for run in find_runs(frames):
         yield run, float(size[run].max())
 
 

@@ -14,7 +14,7 @@ from mocap_fit.face import Rig
 from mocap_fit.labels import Label
 from mocap_fit.phones import PhoneSet
 from mocap_fit.tracks import FloatArray, ParameterTracks
-from mocap_fit.tracks.gaps import runs
+from mocap_fit.tracks.interpolation import find_runs
 
 _MARGIN = 25
 
@@ -74,7 +74,7 @@ def _missing(
     tracks: ParameterTracks, known: NDArray[np.bool_], place: Place, limits: Thresholds
 ) -> Iterator[Finding]:
     rules = limits.parameters
-    missing = runs(~known)
+    missing = find_runs(~known)
     for run in missing:
         if (run.stop - run.start) / tracks.rate > rules.missing_time:
             yield Finding(
@@ -122,7 +122,7 @@ def _residuals(
         return
     limit = max(rules.bad_frames_residual, rules.bad_frames_factor * median)
     with np.errstate(invalid="ignore"):
-        bad = runs(tracks.residuals > limit)
+        bad = find_runs(tracks.residuals > limit)
     for run in bad:
         if (run.stop - run.start) / tracks.rate >= rules.bad_frames_time:
             yield Finding(
@@ -146,7 +146,7 @@ def _bounds(
                 beyond = sign * (values - bound) > rules.bound_distance
                 reached = (np.abs(values - bound) <= rules.bound_distance) & there
             if beyond.any():
-                run = runs(beyond)[0]
+                run = find_runs(beyond)[0]
                 extreme = float(np.nanmax(sign * values) * sign)
                 yield Finding(
                     "MF310",
@@ -155,7 +155,7 @@ def _bounds(
                     f"{bounds[column, 0]:g} to {bounds[column, 1]:g}",
                     evidence=_picture(tracks, {name: values}, run, "of the full gesture"),
                 )
-            stretches = runs(reached)
+            stretches = find_runs(reached)
             longest = max(stretches, key=lambda run: run.stop - run.start, default=slice(0, 0))
             long = (longest.stop - longest.start) / tracks.rate >= rules.bound_time
             share = reached.sum() / max(1, there.sum())
@@ -194,7 +194,7 @@ def _movement(
                 f"at most {max(rules.jump_size, rules.jump_speed / tracks.rate):.2f}",
                 evidence=_picture(tracks, {name: values}, run, "of the full gesture"),
             )
-        for stretch in runs(still[:, column] & moving):
+        for stretch in find_runs(still[:, column] & moving):
             run = slice(stretch.start, stretch.stop + 1)
             if (np.abs(values[run.start] - bounds[column]) <= rules.bound_distance).any():
                 continue

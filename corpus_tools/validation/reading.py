@@ -23,7 +23,7 @@ from mocap_fit.io import READERS, read
 from mocap_fit.labels import LABEL_READERS, Label, Labels, Tier, find_phone_tier, read_all_labels
 from mocap_fit.phones import PhoneSet
 from mocap_fit.sound import read_sound
-from mocap_fit.tracks import MarkerTracks, ParameterTracks, PoseTracks, read_parquet
+from mocap_fit.tracks import MarkerTracks, ParameterTracks, Tracks, read_parquet
 
 # Folder of a corpus → what its files hold, their ending, and the name of the data in a `Subject`.
 FOLDERS = {
@@ -158,10 +158,9 @@ def _read_tracks(
     if isinstance(tracks, ParameterTracks):
         subject.parameters = tracks
         yield from _duration(tracks, utterance, place, limits)
-    elif isinstance(tracks, MarkerTracks):
-        subject.markers = tracks
-        yield from _same_frames(tracks, subject, place)
     else:
+        if isinstance(tracks, MarkerTracks):
+            subject.markers = tracks
         yield from _same_frames(tracks, subject, place)
 
 
@@ -185,9 +184,7 @@ def _duration(
         )
 
 
-def _same_frames(
-    tracks: MarkerTracks | PoseTracks, subject: Subject, place: Place
-) -> Iterator[Finding]:
+def _same_frames(tracks: Tracks, subject: Subject, place: Place) -> Iterator[Finding]:
     """Head and markers have the frames of the parameters."""
     parameters = subject.parameters
     if parameters is not None and tracks.frames != parameters.frames:
@@ -351,12 +348,10 @@ def read_files(files: Files, phone_set: PhoneSet | None) -> tuple[list[Subject],
         except MocapFitError as error:
             found.append(failed(error, str(path), files.name))
             continue
-        if isinstance(tracks, PoseTracks):
-            continue
         if isinstance(tracks, MarkerTracks):
             one = free("markers")
             one.files["markers"], one.markers = str(path), tracks
-        else:
+        elif isinstance(tracks, ParameterTracks):
             one = free("parameters")
             one.files["parameters"], one.parameters = str(path), tracks
     subject = subjects[0]

@@ -10,11 +10,11 @@ import numpy as np
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.fitting import Layout, load_layout
 from mocap_fit.fitting.layout import list_layouts
-from mocap_fit.tracks import FloatArray, MarkerTracks, rigid_transforms, spread
+from mocap_fit.tracks import FloatArray, MarkerTracks, compute_spread, rigid_transforms
+from mocap_fit.tracks.rigid import apply_inverse_transforms, project_to_rotations
+from mocap_fit.tracks.rigid_sets import median_points, typical_shape
 from mocap_fit.tracks.robust import robust_rigid_transforms
 
-# Frames that are looked at to find a shape.
-_SAMPLE = 400
 # A shipped layout is taken where a recording has as many of its markers.
 _KNOWN_SHARE = 0.8
 _AXES = "xyz"
@@ -49,34 +49,6 @@ class Stilled:
         return np.asarray(self.shape @ self.mean_rotation.T + self.mean_translation)
 
 
-def seen_median(values: FloatArray) -> FloatArray:
-    """Median over the first axis of what is there; NaN where nothing is."""
-    flat = values.reshape(len(values), -1)
-    middle = np.full(flat.shape[1], np.nan)
-    some = ~np.isnan(flat).all(axis=0)
-    middle[some] = np.nanmedian(flat[:, some], axis=0)
-    result: FloatArray = middle.reshape(values.shape[1:])
-    return result
-
-
-def back(positions: FloatArray, rotations: FloatArray, translations: FloatArray) -> FloatArray:
-    """Positions `(frames, markers, 3)` in the coordinates that the poses lead from."""
-    return np.asarray(np.einsum("fji,fpj->fpi", rotations, positions - translations[:, None, :]))
-
-
-def typical_shape(positions: FloatArray, rounds: int = 4) -> FloatArray:
-    """The median shape of markers, `(markers, 3)`, as the most complete frame has it placed."""
-    sample = positions[:: max(1, len(positions) // _SAMPLE)]
-    counts = (~np.isnan(sample[:, :, 0])).sum(axis=1)
-    shape: FloatArray = sample[int(np.argmax(counts))]
-    for _ in range(rounds):
-        rotations, translations, residuals = rigid_transforms(shape, sample)
-        if np.isnan(residuals).all():
-            break
-        shape = seen_median(back(sample, rotations, translations))
-    return shape
-
-
 def stilled(recording: MarkerTracks, head: Sequence[int]) -> Stilled | None:
     """Take the head's motion out of a recording, by its head markers or, without, by all.
 
@@ -107,14 +79,12 @@ def stilled(recording: MarkerTracks, head: Sequence[int]) -> Stilled | None:
     known = ~np.isnan(residuals)
     if not known.any():
         return None
-    left, _, right = np.linalg.svd(rotations[known].sum(axis=0))
-    left[:, 2] *= np.sign(np.linalg.det(left @ right))
-    still = back(positions, rotations, translations)
+    still = apply_inverse_transforms(positions, rotations, translations)
     return Stilled(
         still,
-        seen_median(still),
+        median_points(still),
         residuals,
-        left @ right,
+        project_to_rotations(rotations[known].sum(axis=0)),
         np.median(translations[known], axis=0),
     )
 
@@ -176,7 +146,7 @@ def lay_on(source: FloatArray, target: FloatArray, gain: float, scaled: bool) ->
 
 
 def _wide(points: FloatArray) -> bool:
-    lengths = spread(points)
+    lengths = compute_spread(points)
     return bool(lengths[1] > 0.02 * lengths[0] > 0)
 
 

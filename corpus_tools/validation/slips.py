@@ -8,10 +8,11 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from corpus_tools.validation.shapes import back, typical_shape
 from corpus_tools.validation.thresholds import Section
 from mocap_fit.tracks import FloatArray, rigid_transforms
-from mocap_fit.tracks.gaps import runs
+from mocap_fit.tracks.interpolation import find_runs
+from mocap_fit.tracks.rigid import apply_inverse_transforms
+from mocap_fit.tracks.rigid_sets import typical_shape
 
 # The fewest frames whose median is calm.
 _FRAMES = 8
@@ -60,7 +61,7 @@ def find_slips(
     for k in range(markers):
         others = np.delete(np.arange(markers), k)
         pose = rigid_transforms(shape[others], positions[:, others])
-        seen = back(positions[:, [k]], pose[0], pose[1])[:, 0] - shape[k]
+        seen = apply_inverse_transforms(positions[:, [k]], pose[0], pose[1])[:, 0] - shape[k]
         away, fits = _medians(seen, starts, window), _medians(pose[2][:, None], starts, window)
         off[k] = np.linalg.norm(away, axis=1)
         rest[k] = np.where(np.isnan(fits[:, 0]), np.inf, fits[:, 0])
@@ -74,7 +75,7 @@ def find_slips(
         quiet = float(np.quantile(off[k, shown], _QUIET))
         limit = max(limits.slip_distance, limits.slip_factor * quiet)
         wrong = (culprits == k) & (off[k] > limit) & (rest[k] < _REST * off[k])
-        for run in runs(np.asarray(wrong[shown])):
+        for run in find_runs(np.asarray(wrong[shown])):
             part = shown[run]
             first = 0 if part[0] == shown[0] else int(starts[part[0]]) + window // 2
             last = int(starts[part[-1]]) + window // 2 + step

@@ -12,7 +12,7 @@ from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.errors import DataError
 from mocap_fit.sound import Sound, decode_pulses
 from mocap_fit.tracks import FloatArray
-from mocap_fit.tracks.gaps import runs
+from mocap_fit.tracks.interpolation import find_runs
 
 _STEP = 0.01
 # Hertz.
@@ -56,7 +56,7 @@ def check_sound(sound: Sound, place: Place, limits: Thresholds) -> Iterator[Find
         channel = sound.get_channel(number)
         top = float(np.abs(channel).max())
         flat = (np.abs(channel) >= rules.clipped_level * top) & (top >= rules.clipped_level)
-        clipped = [run for run in runs(flat) if run.stop - run.start >= rules.clipped_run]
+        clipped = [run for run in find_runs(flat) if run.stop - run.start >= rules.clipped_run]
         count = sum(run.stop - run.start for run in clipped)
         if count > rules.clipped_share * len(channel):
             first = clipped[0].start / sound.rate

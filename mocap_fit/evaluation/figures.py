@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mocap_fit.drawing import CYCLE, GREY, INK, PALE, figure_title, new_figure
+from mocap_fit.drawing import CYCLE, GREY, INK, PALE, new_figure, write_title
 from mocap_fit.evaluation.evaluation import Evaluation
 from mocap_fit.evaluation.measures import GROUPS
 from mocap_fit.phones import PhoneSequence
@@ -60,7 +60,7 @@ def score_figure(evaluation: Evaluation) -> Figure:
     axes[0, 0].set_ylim(-0.6, len(order) - 0.4)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
-    figure_title(figure, f"{evaluation.utterances} held-out utterances, 95 % intervals")
+    write_title(figure, f"{evaluation.utterances} held-out utterances, 95 % intervals")
     return figure
 
 
@@ -85,7 +85,7 @@ def parameter_figure(evaluation: Evaluation) -> Figure:
     axis.set_yticks(range(rows), [evaluation.models[i] for i in order])
     axis.tick_params(length=0)
     axis.spines[:].set_visible(False)
-    figure_title(figure, "RMSE of each parameter (% of its range, all but silence)")
+    write_title(figure, "RMSE of each parameter (% of its range, all but silence)")
     return figure
 
 
@@ -136,7 +136,7 @@ def trajectory_figure(
     axes[rows, 0].set_xlim(times[0], times[-1])
     axes[rows, 0].set_xlabel("time (s)")
     figure.supylabel(f"{spoken(parameter)} (grey: target)", fontsize=9)
-    figure_title(figure, f"{target.name}: {text}" if text else target.name)
+    write_title(figure, f"{target.name}: {text}" if text else target.name)
     return figure
 
 
@@ -198,7 +198,7 @@ def dominance_figure(
     phone_strip(strip, phones)
     strip.set_xlim(times[0], times[-1])
     strip.set_xlabel("time (s)")
-    figure_title(figure, f"{model.title}: dominance functions, {target.name}")
+    write_title(figure, f"{model.title}: dominance functions, {target.name}")
     return figure
 
 
@@ -226,7 +226,7 @@ def look_ahead_figure(
     axis.set_xlabel("look-ahead (ms)")
     axis.set_ylabel("error on held-out sentences")
     axis.grid(axis="y")
-    figure_title(figure, "What looking ahead is worth (total context 31 frames)")
+    write_title(figure, "What looking ahead is worth (total context 31 frames)")
     return figure
 
 
@@ -259,5 +259,5 @@ def training_figure(log: Sequence[Any], title: str) -> Figure:
     axis.grid(axis="y")
     if any(parts):
         axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
-    figure_title(figure, f"{title} (pale: training part)")
+    write_title(figure, f"{title} (pale: training part)")
     return figure

@@ -14,10 +14,9 @@ from scipy.spatial.transform import Rotation
 from mocap_fit.errors import DataError
 from mocap_fit.face import Rig, to_parameters
 from mocap_fit.fitting.layout import Layout
-from mocap_fit.fitting.precision import compute_motion_jacobian
 from mocap_fit.head.reference import compute_median_pose
 from mocap_fit.tracks import FloatArray, MarkerTracks
-from mocap_fit.tracks.rigid import similarity_transform
+from mocap_fit.tracks.rigid import compute_motion_jacobian, similarity_transform
 
 # A face is between a fifth and five times the size of another one; beyond, the unit is wrong.
 _PLAUSIBLE_SCALE = (0.2, 5.0)

@@ -13,21 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.tracks import FloatArray
-
-
-def compute_motion_jacobian(points: FloatArray, centre: FloatArray) -> FloatArray:
-    """What a small rigid motion does to points: `(points, 3, 6)`.
-
-    The six are a rotation vector about the centre and a translation.
-    """
-    effect = np.zeros((len(points), 3, 6))
-    x, y, z = (points - centre).T
-    # rotation vector × (point - centre)
-    effect[:, 0, 1], effect[:, 0, 2] = z, -y
-    effect[:, 1, 0], effect[:, 1, 2] = -z, x
-    effect[:, 2, 0], effect[:, 2, 1] = y, -x
-    effect[:, :, 3:] = np.eye(3)
-    return effect
+from mocap_fit.tracks.rigid import compute_motion_jacobian
 
 
 def compute_covariance(

@@ -24,7 +24,7 @@ from mocap_fit.head import HeadMotion, match_size, remove_head_motion
 from mocap_fit.head.reference import compute_median_pose
 from mocap_fit.io import read_tracks
 from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks
-from mocap_fit.tracks.rigid import refusal
+from mocap_fit.tracks.rigid import describe_degeneracy
 
 
 @dataclass(frozen=True, eq=False)
@@ -368,7 +368,7 @@ def _check_head_markers(layout: Layout, reference: MarkerTracks) -> None:
     reason = None
     if names:
         unseen = np.full(3, np.nan)
-        reason = refusal(np.array([pose.get(name, unseen) for name in names]))
+        reason = describe_degeneracy(np.array([pose.get(name, unseen) for name in names]))
     if reason is not None:
         raise DataError(
             "the head markers in the reference pose do not determine the head's pose",

@@ -23,6 +23,7 @@ from mocap_fit.head.reference import (
     choose_reference,
 )
 from mocap_fit.tracks import FloatArray, MarkerTracks, Origin, PoseTracks
+from mocap_fit.tracks.rigid import apply_inverse_transforms, apply_transforms
 from mocap_fit.tracks.robust import pose_information, robust_rigid_transforms
 
 
@@ -226,8 +227,7 @@ def remove_head_motion(
         Also if the pose of some frames is not known.
     """
     motion = estimate_head_motion(recording, reference, names, weights)
-    shifted = recording.positions - motion.translations[:, None, :]
-    positions = np.einsum("fji,fpj->fpi", motion.rotations, shifted)
+    positions = apply_inverse_transforms(recording.positions, motion.rotations, motion.translations)
     tracks = _replace_positions(recording, positions, motion)
     step = motion.pose.provenance[-1]
     return tracks.with_step("remove_head_motion", step.arguments), motion
@@ -305,8 +305,7 @@ def restore_head_motion(tracks: MarkerTracks, motion: HeadMotion) -> MarkerTrack
             found="{} frames, {:g} Hz, from {:g} s".format(*ours),
             expected="{} frames, {:g} Hz, from {:g} s".format(*theirs),
         )
-    positions = np.einsum("fij,fpj->fpi", motion.rotations, tracks.positions)
-    positions += motion.translations[:, None, :]
+    positions = apply_transforms(tracks.positions, motion.rotations, motion.translations)
     return _replace_positions(tracks, positions, motion).with_step(
         "restore_head_motion", {"reference_markers": list(motion.reference_names)}
     )

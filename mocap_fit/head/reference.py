@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from mocap_fit.errors import DataError, MocapFitWarning
 from mocap_fit.tracks import FloatArray, MarkerTracks
-from mocap_fit.tracks.rigid import refusal, spread
+from mocap_fit.tracks.rigid import compute_spread, describe_degeneracy
 from mocap_fit.tracks.rigid_sets import find_reference_markers, mean_shape
 from mocap_fit.tracks.robust import RigidFit, sample_evenly
 
@@ -97,7 +97,7 @@ def check_fit(
             MocapFitWarning,
             stacklevel=4,
         )
-    residual, length = float(np.nanmedian(fit.residuals)), float(spread(shape)[0])
+    residual, length = float(np.nanmedian(fit.residuals)), float(compute_spread(shape)[0])
     if residual > _LARGEST_RESIDUAL * length:
         warnings.warn(
             f"the reference markers {', '.join(names)} do not keep the shape of the "
@@ -123,7 +123,7 @@ def check_weights(
     DataError
         If the markers cannot tell a rotation, or a weight is not possible.
     """
-    reason = refusal(shape)
+    reason = describe_degeneracy(shape)
     if reason is not None:
         raise DataError(
             f"the reference markers {', '.join(names)} cannot tell the head's rotation",

@@ -4,7 +4,6 @@ from mocap_fit.io.qualisys_tsv_writer import write_qualisys_tsv
 from mocap_fit.io.readers import (
     READERS,
     Reader,
-    Tracks,
     describe,
     find_reader,
     read,
@@ -17,7 +16,6 @@ from mocap_fit.io.stretches import read_stretches, reads_in_stretches
 __all__ = [
     "READERS",
     "Reader",
-    "Tracks",
     "describe",
     "find_reader",
     "load_sample",

@@ -12,7 +12,7 @@ from mocap_fit.errors import FileFormatError, MocapFitError, with_path
 from mocap_fit.io import finalise
 from mocap_fit.io.text import checked_file, read_head
 from mocap_fit.io.timing import checked_rate
-from mocap_fit.tracks import MarkerTracks, ParameterTracks, PoseTracks, storage
+from mocap_fit.tracks import MarkerTracks, PoseTracks, Tracks, storage
 
 NAME = "parquet"
 description = "Parquet file of mocap-fit"
@@ -35,7 +35,7 @@ def read(
     *,
     names: Sequence[str] | None = None,
     rate: float | None = None,
-) -> MarkerTracks | PoseTracks | ParameterTracks:
+) -> Tracks:
     """Read what `mocap_fit.tracks.write_parquet` wrote.
 
     The provenance is the file's own; a step is added only where names or a rate are given.

@@ -10,8 +10,6 @@ import os
 from collections.abc import Sequence
 from typing import Any, Protocol
 
-import numpy as np
-
 from mocap_fit.errors import (
     DataError,
     MocapFitError,
@@ -19,11 +17,9 @@ from mocap_fit.errors import (
 )
 from mocap_fit.io.text import checked_file
 from mocap_fit.registry import Registry
-from mocap_fit.tracks import MarkerTracks, ParameterTracks, PoseTracks
+from mocap_fit.tracks import MarkerTracks, PoseTracks, Tracks
 
 READERS = Registry("mocap_fit.readers", "reader")
-
-Tracks = MarkerTracks | PoseTracks | ParameterTracks
 
 
 class Reader(Protocol):
@@ -199,32 +195,8 @@ def describe(
     file = checked_file(path)
     name = find_reader(file) if reader is None else reader
     tracks = read(file, reader=name, names=names, rate=rate)
-    if isinstance(tracks, MarkerTracks):
-        content, noun, missing = "markers", "markers", ~tracks.visible
-    elif isinstance(tracks, PoseTracks):
-        content, noun = "poses", "bodies"
-        missing = np.asarray(np.isnan(tracks.translations).any(axis=2))
-    else:
-        content, noun, missing = "parameters", "parameters", np.isnan(tracks.values)
-    rates = missing.mean(axis=0) if tracks.frames else np.zeros(len(tracks.names))
-    return {
-        "file": os.fspath(path),
-        "format": name,
-        "description": _reader(name).description,
-        "content": content,
-        "name": tracks.name,
-        "frames": tracks.frames,
-        "rate": tracks.rate,
-        "duration": tracks.duration,
-        "start_time": tracks.start_time,
-        "units": "rest to full gesture: 0 to 1" if content == "parameters" else "mm",
-        noun: [
-            {"name": label, "gap_rate": float(gap_rate)}
-            for label, gap_rate in zip(tracks.names, rates, strict=True)
-        ],
-        "events": [{"name": event.name, "time": event.time} for event in tracks.events],
-        "provenance": [step.to_dict() for step in tracks.provenance],
-    }
+    about = {"file": os.fspath(path), "format": name, "description": _reader(name).description}
+    return about | tracks.describe()
 
 
 def _reader(name: str) -> Reader:

@@ -13,7 +13,7 @@ import os
 from mocap_fit.errors import DataError, FileFormatError
 from mocap_fit.phones.types import PhoneSegment, PhoneSequence
 from mocap_fit.tracks import Step
-from mocap_fit.tracks.parquet_file import damaged, read_table, write_table
+from mocap_fit.tracks.parquet_file import from_damaged_table, read_table, write_table
 
 _COLUMNS = ("start", "end", "phone", "stress", "word", "energy_db")
 
@@ -78,7 +78,7 @@ def read_stored_phones(path: str | os.PathLike[str]) -> PhoneSequence:
             provenance=tuple(Step.from_dict(step) for step in description["provenance"]),
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise damaged(path, error) from None
+        raise from_damaged_table(error, path) from None
     except DataError as error:
         raise FileFormatError(
             f"the phones in this file cannot be used: {error.problem}",

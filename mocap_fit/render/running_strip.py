@@ -180,7 +180,7 @@ def curves_of(
     curves: dict[str, list[Curve]] = {}
     for name in parameters:
         some = [
-            Curve(track.times, track.value(name), COLOURS[i % len(COLOURS)])
+            Curve(track.times, track[name], COLOURS[i % len(COLOURS)])
             for i, track in enumerate(tracks.values())
             if name in track.names
         ]

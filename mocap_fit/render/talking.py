@@ -163,8 +163,6 @@ def parameters_at(tracks: ParameterTracks, times: FloatArray, rig: Rig) -> Float
     DataError
         If the tracks have a parameter that the face lacks, or no frame.
     """
-    from scipy.interpolate import PchipInterpolator
-
     names = rig.parameter_names
     unknown = [name for name in tracks.names if name not in names]
     if unknown:
@@ -173,19 +171,8 @@ def parameters_at(tracks: ParameterTracks, times: FloatArray, rig: Rig) -> Float
             expected=f"some of {', '.join(names)}",
             advice="Give the face that the tracks were made with.",
         )
-    if not tracks.frames:
-        raise DataError(f"the tracks '{tracks.name}' have no frames")
     values = np.zeros((len(times), len(names)))
-    for column, name in enumerate(names):
-        if name not in tracks.names:
-            continue
-        known = tracks.value(name)
-        there = np.isfinite(known)
-        if there.sum() == 1:
-            values[:, column] = known[there][0]
-        elif there.any():
-            at, inside = tracks.times[there], np.clip(times, *tracks.times[there][[0, -1]])
-            values[:, column] = PchipInterpolator(at, known[there])(inside)
+    values[:, [names.index(name) for name in tracks.names]] = np.nan_to_num(tracks.at(times))
     low, high = rig.bounds.T
     return np.asarray(np.clip(values, low, high))
 
@@ -194,16 +181,7 @@ def markers_at(markers: MarkerTracks | None, times: FloatArray) -> FloatArray:
     """Places of markers at any times, `(times, markers, 3)`; missing where a frame beside is."""
     if markers is None:
         return np.zeros((len(times), 0, 3))
-    positions = markers.positions
-    place = (times - markers.start_time) * markers.rate
-    before = np.floor(place + 1e-6).astype(int)
-    part = np.clip(place - before, 0.0, 1.0)[:, None, None]
-    last = markers.frames - 1
-    outside = (place < -0.5) | (place > last + 0.5)
-    first, second = positions[np.clip(before, 0, last)], positions[np.clip(before + 1, 0, last)]
-    between = np.where(part < 1e-6, first, first * (1 - part) + second * part)
-    between[outside] = np.nan
-    return np.asarray(between)
+    return markers.at(times)
 
 
 def _middle(rig: Rig) -> FloatArray:

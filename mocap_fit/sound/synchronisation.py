@@ -204,7 +204,7 @@ def synchronise(
             raise DataError(
                 "an estimate needs a marker on each lip", advice="Name them (lips=...)."
             )
-        upper, lower = (recording.position(name) for name in lips)
+        upper, lower = (recording[name] for name in lips)
         estimate = estimate_offset(
             np.linalg.norm(upper - lower, axis=1),
             recording.rate,

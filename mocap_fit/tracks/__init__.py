@@ -1,20 +1,22 @@
 """Marker, pose and parameter tracks, and what is done to them before a fit."""
 
+from mocap_fit.tracks.base import Event, FloatArray, Provenance, Step, Tracks
 from mocap_fit.tracks.filtering import resample, smooth
-from mocap_fit.tracks.gaps import GapReport, MarkerGaps, fill_gaps, gap_report
-from mocap_fit.tracks.rigid import rigid_transform, rigid_transforms, similarity_transform, spread
-from mocap_fit.tracks.storage import from_frame, read_parquet, read_provenance, to_frame
-from mocap_fit.tracks.types import (
-    Event,
-    FloatArray,
-    MarkerTracks,
-    Origin,
-    ParameterTracks,
-    PoseTracks,
-    Provenance,
-    Step,
+from mocap_fit.tracks.gaps import GapReport, MarkerGaps, count_gaps, fill_gaps
+from mocap_fit.tracks.rigid import (
+    compute_spread,
+    rigid_transform,
+    rigid_transforms,
+    similarity_transform,
 )
-from mocap_fit.tracks.writing import TracksWriter, write_parquet
+from mocap_fit.tracks.storage import (
+    from_frame,
+    read_parquet,
+    read_provenance,
+    to_frame,
+    write_parquet,
+)
+from mocap_fit.tracks.types import MarkerTracks, Origin, ParameterTracks, PoseTracks
 
 __all__ = [
     "Event",
@@ -27,10 +29,11 @@ __all__ = [
     "PoseTracks",
     "Provenance",
     "Step",
-    "TracksWriter",
+    "Tracks",
+    "compute_spread",
+    "count_gaps",
     "fill_gaps",
     "from_frame",
-    "gap_report",
     "read_parquet",
     "read_provenance",
     "resample",
@@ -38,7 +41,6 @@ __all__ = [
     "rigid_transforms",
     "similarity_transform",
     "smooth",
-    "spread",
     "to_frame",
     "write_parquet",
 ]

@@ -1,4 +1,4 @@
-"""Sets of markers that keep their distances: finding one, and its mean shape."""
+"""Sets of markers that keep their distances: their shape, and finding one."""
 
 from __future__ import annotations
 
@@ -8,28 +8,70 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mocap_fit.errors import DataError
-from mocap_fit.tracks.rigid import is_collinear, rigid_transforms, spread
-from mocap_fit.tracks.types import FloatArray, MarkerTracks
+from mocap_fit.tracks.base import FloatArray
+from mocap_fit.tracks.rigid import (
+    apply_inverse_transforms,
+    compute_spread,
+    is_collinear,
+    rigid_transforms,
+)
+from mocap_fit.tracks.types import MarkerTracks
 
-# Frames that are looked at.
-_SAMPLE = 1000
+# Frames that are used, at most: for the shape of a rigid set, and for one with missing markers.
+_SAMPLE, _PARTIAL_SAMPLE = 1000, 400
+# Markers whose triples are all tried.
+_MOST_MARKERS = 40
+# Triples that are grown to sets.
+_TRIPLES = 50
+# Of the root mean square change of distances within a set: others below it are as rigid.
+_AS_RIGID = 1.5
+
+
+def median_points(points: FloatArray) -> FloatArray:
+    """Return the median over the first axis, without missing values.
+
+    Parameters
+    ----------
+    points
+        ``(frames, ...)``, millimetres; NaN is missing.
+
+    Returns
+    -------
+    ndarray
+        ``(...)``, millimetres; NaN where no frame has a value.
+    """
+    flat: FloatArray = points.reshape(len(points), -1)
+    result = np.full(flat.shape[1], np.nan)
+    seen = ~np.isnan(flat).all(axis=0)
+    result[seen] = np.nanmedian(flat[:, seen], axis=0)
+    return np.asarray(result.reshape(points.shape[1:]))
+
+
+def _refine_shape(shape: FloatArray, frames: FloatArray, rounds: int) -> FloatArray:
+    """Return the median of the frames, each laid on the shape so far."""
+    for _ in range(rounds):
+        rotations, translations, residuals = rigid_transforms(shape, frames)
+        if np.isnan(residuals).all():
+            break
+        shape = median_points(apply_inverse_transforms(frames, rotations, translations))
+    return shape
 
 
 def mean_shape(positions: ArrayLike, *, rounds: int = 5) -> FloatArray:
-    """Shape of a rigid set: the median of the frames that show all of it, laid on each other.
+    """Return the shape of a rigid set: the median of the frames that show all of it.
 
     Parameters
     ----------
     positions
-        `(frames, points, 3)`, millimetres.
+        ``(frames, points, 3)``, millimetres.
     rounds
-        How often the frames are laid on the shape found so far.
+        How often the frames are laid on the shape so far.
 
     Returns
     -------
-    FloatArray
-        `(points, 3)`, where the first whole frame has it; the median keeps single wild frames
-        out.
+    ndarray
+        Where the first complete frame has it, ``(points, 3)``, millimetres; the median keeps
+        single outliers out.
 
     Raises
     ------
@@ -37,25 +79,39 @@ def mean_shape(positions: ArrayLike, *, rounds: int = 5) -> FloatArray:
         If no frame shows all points.
     """
     array = np.asarray(positions, dtype=np.float64)
-    whole = array[~np.isnan(array).any(axis=(1, 2))]
-    if not len(whole):
+    complete = array[~np.isnan(array).any(axis=(1, 2))]
+    if not len(complete):
         raise DataError(
             "no frame shows all markers of the rigid set",
             advice="Leave out the markers that are seldom seen.",
         )
-    whole = whole[:: max(1, len(whole) // _SAMPLE)]
-    first = whole[0]
-    shape = first
-    for _ in range(rounds):
-        rotations, translations, residuals = rigid_transforms(shape, whole)
-        if np.isnan(residuals).all():
-            break
-        back = np.einsum("fji,fpj->fpi", rotations, whole - translations[:, None, :])
-        shape = np.nanmedian(back, axis=0)
-    rotations, translations, residuals = rigid_transforms(shape, first[None])
+    complete = complete[:: max(1, len(complete) // _SAMPLE)]
+    shape = _refine_shape(complete[0], complete, rounds)
+    rotations, translations, residuals = rigid_transforms(shape, complete[:1])
     if np.isnan(residuals[0]):
-        return np.asarray(shape)
+        return shape
     return np.asarray(shape @ rotations[0].T + translations[0])
+
+
+def typical_shape(positions: FloatArray, *, rounds: int = 4) -> FloatArray:
+    """Return the median shape of markers of which some may be missing in every frame.
+
+    Parameters
+    ----------
+    positions
+        ``(frames, markers, 3)``, millimetres; one frame or more.
+    rounds
+        How often the frames are laid on the shape so far.
+
+    Returns
+    -------
+    ndarray
+        ``(markers, 3)``, millimetres, at about the pose of the frame that shows most markers; NaN
+        for markers that are never seen.
+    """
+    sample = positions[:: max(1, len(positions) // _PARTIAL_SAMPLE)]
+    counts = (~np.isnan(sample[:, :, 0])).sum(axis=1)
+    return _refine_shape(sample[int(np.argmax(counts))], sample, rounds)
 
 
 def find_reference_markers(recording: MarkerTracks, count: int | None = None) -> tuple[str, ...]:
@@ -71,7 +127,7 @@ def find_reference_markers(recording: MarkerTracks, count: int | None = None) ->
         Head and face move in it. Markers that are missing in more than half of the frames are
         not considered.
     count
-        How many markers, three or more. When not given: four, and all the others that are as
+        How many markers, three or more. Where left out: four, and all the others that are as
         rigid as they.
 
     Returns
@@ -84,9 +140,9 @@ def find_reference_markers(recording: MarkerTracks, count: int | None = None) ->
     DataError
         If there are too few frames or markers, or all the markers lie on a line.
     """
-    wanted = 4 if count is None else count
-    if wanted < 3:
-        raise DataError("too few reference markers are asked for", found=wanted, expected=3)
+    size = 4 if count is None else count
+    if size < 3:
+        raise DataError("too few reference markers are asked for", found=size, expected=3)
     if recording.frames < 10:
         raise DataError(
             "reference markers cannot be found in so short a recording",
@@ -99,68 +155,88 @@ def find_reference_markers(recording: MarkerTracks, count: int | None = None) ->
         raise DataError(
             "too few markers are seen often enough to be reference markers",
             found=", ".join(recording.names[k] for k in often) or "none",
-            expected=f"{max(wanted, 3)} that are seen in half of the frames",
+            expected=f"{max(size, 3)} that are seen in half of the frames",
         )
     positions = recording.positions[:: max(1, recording.frames // _SAMPLE), often]
-    changes, middle = _distance_changes(positions)
-    reach = float(spread(middle)[1])
-
-    def cost(sets: NDArray[np.intp]) -> FloatArray:
-        """Of sets of equal size, `(sets, size)`."""
-        first, second = np.triu_indices(sets.shape[1], 1)
-        change = np.sqrt(np.mean(changes[sets[:, first], sets[:, second]] ** 2, axis=1))
-        lengths = spread(middle[sets])
-        narrow = np.maximum(1.0, 0.5 * reach / np.maximum(lengths[:, 1], 1e-9))
-        return np.where(is_collinear(lengths), np.inf, change * narrow)
-
-    members = np.arange(len(often))
-    if len(members) > 40:
-        # The triples of a hundred markers are too many; the restless ones are out first.
-        calm = np.argsort(np.sort(changes, axis=1)[:, : len(members) // 4].mean(axis=1))
-        members = np.sort(calm[:40])
-    triples = members[np.array(list(combinations(range(len(members)), 3)), dtype=np.intp)]
-    costs = cost(triples)
-    best = np.argsort(costs, kind="stable")[:50]
-    if not np.isfinite(costs[best[0]]):
-        raise DataError(
-            "no three markers can be reference markers",
-            found="all markers lie on a line",
-            expected="markers that span a plane",
-        )
-    grown: list[tuple[float, NDArray[np.intp]]] = []
-    for chosen in triples[best]:
-        while len(chosen) < min(wanted, len(often)):
-            rest = np.setdiff1d(np.arange(len(often)), chosen)
-            sets = np.column_stack([np.tile(chosen, (len(rest), 1)), rest])
-            chosen = sets[np.argmin(cost(sets))]
-        grown.append((float(cost(chosen[None])[0]), chosen))
-    chosen = min(grown, key=lambda item: item[0])[1]
+    candidates = _Candidates(positions)
+    chosen = candidates.find_set(min(size, len(often)))
     if count is None:
-        inside = changes[np.ix_(chosen, chosen)][np.triu_indices(len(chosen), 1)]
-        limit = 1.5 * float(np.sqrt(np.mean(inside**2)))
-        to_set = np.sqrt(np.mean(changes[:, chosen] ** 2, axis=1))
-        chosen = np.union1d(chosen, np.flatnonzero(to_set <= limit))
+        chosen = candidates.add_as_rigid(chosen)
     return tuple(recording.names[k] for k in sorted(often[chosen]))
 
 
-def _distance_changes(positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Robust spread of all distances, `(markers, markers)`, and a typical shape `(markers, 3)`."""
+class _Candidates:
+    """Markers that may be reference markers, and how much their distances change."""
+
+    def __init__(self, positions: FloatArray) -> None:
+        self.changes = _measure_distance_changes(positions)
+        self.shape = _average_shape(positions)
+        self.reach = float(compute_spread(self.shape)[1])
+
+    def cost(self, sets: NDArray[np.intp]) -> FloatArray:
+        """Return the cost of sets of equal size, ``(sets, size)``."""
+        first, second = np.triu_indices(sets.shape[1], 1)
+        change = np.sqrt(np.mean(self.changes[sets[:, first], sets[:, second]] ** 2, axis=1))
+        lengths = compute_spread(self.shape[sets])
+        narrow = np.maximum(1.0, 0.5 * self.reach / np.maximum(lengths[:, 1], 1e-9))
+        return np.where(is_collinear(lengths), np.inf, change * narrow)
+
+    def find_set(self, size: int) -> NDArray[np.intp]:
+        """Return the best set: that of the best triples which is best when grown to its size."""
+        count = len(self.changes)
+        members = np.arange(count)
+        if count > _MOST_MARKERS:
+            # The triples of a hundred markers are too many; the restless ones are out first.
+            calm = np.argsort(np.sort(self.changes, axis=1)[:, : count // 4].mean(axis=1))
+            members = np.sort(calm[:_MOST_MARKERS])
+        triples = members[np.array(list(combinations(range(len(members)), 3)), dtype=np.intp)]
+        costs = self.cost(triples)
+        best = np.argsort(costs, kind="stable")[:_TRIPLES]
+        if not np.isfinite(costs[best[0]]):
+            raise DataError(
+                "no three markers can be reference markers",
+                found="all markers lie on a line",
+                expected="markers that span a plane",
+            )
+        grown = [self._grow_set(triple, size) for triple in triples[best]]
+        return min(grown, key=lambda chosen: float(self.cost(chosen[None])[0]))
+
+    def _grow_set(self, chosen: NDArray[np.intp], size: int) -> NDArray[np.intp]:
+        while len(chosen) < size:
+            rest = np.setdiff1d(np.arange(len(self.changes)), chosen)
+            sets = np.column_stack([np.tile(chosen, (len(rest), 1)), rest])
+            chosen = sets[np.argmin(self.cost(sets))]
+        return chosen
+
+    def add_as_rigid(self, chosen: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return a set with all other markers that are about as rigid as its own."""
+        inside = self.changes[np.ix_(chosen, chosen)][np.triu_indices(len(chosen), 1)]
+        limit = _AS_RIGID * float(np.sqrt(np.mean(inside**2)))
+        to_set = np.sqrt(np.mean(self.changes[:, chosen] ** 2, axis=1))
+        return np.union1d(chosen, np.flatnonzero(to_set <= limit))
+
+
+def _measure_distance_changes(positions: FloatArray) -> FloatArray:
+    """Return the robust spread of all distances over time, ``(markers, markers)``."""
     markers = positions.shape[1]
     changes = np.zeros((markers, markers))
     for k in range(markers - 1):
         distances = np.linalg.norm(positions[:, k + 1 :] - positions[:, k : k + 1], axis=2)
-        there = ~np.isnan(distances)
-        usable = there.sum(axis=0) >= 5
+        usable = (~np.isnan(distances)).sum(axis=0) >= 5
         row = np.full(markers - k - 1, np.inf)
-        # From the 5th to the 95th part of a hundred, in standard deviations of Gaussian noise.
+        # From the 5th to the 95th percentile, in standard deviations of Gaussian noise.
         low, high = np.nanquantile(distances[:, usable], (0.05, 0.95), axis=0)
         row[usable] = (high - low) / 3.29
         changes[k, k + 1 :] = changes[k + 1 :, k] = row
-    # The frame that shows most, with the others' markers laid on it by their mean offset.
+    return changes
+
+
+def _average_shape(positions: FloatArray) -> FloatArray:
+    """Return the frame that shows most, with the other markers at their mean offset from it."""
     frame = int(np.argmax((~np.isnan(positions[:, :, 0])).sum(axis=1)))
-    middle = positions[frame].copy()
-    gone = np.isnan(middle).any(axis=1)
-    if gone.any():
+    shape = positions[frame].copy()
+    missing = np.isnan(shape).any(axis=1)
+    if missing.any():
         centre = np.nanmean(positions - np.nanmean(positions, axis=1, keepdims=True), axis=0)
-        middle[gone] = centre[gone] + np.nanmean(middle, axis=0)
-    return changes, middle
+        shape[missing] = centre[missing] + np.nanmean(shape, axis=0)
+    return shape

@@ -17,56 +17,62 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from mocap_fit.errors import DataError, FileFormatError
-from mocap_fit.tracks.parquet_file import damaged, kind_of, look_through, read_table
-from mocap_fit.tracks.types import (
-    Event,
-    MarkerTracks,
-    Origin,
-    ParameterTracks,
-    PoseTracks,
-    Provenance,
-    Step,
+from mocap_fit.tracks.base import Event, Provenance, Step, TrackArray, Tracks
+from mocap_fit.tracks.parquet_file import (
+    from_damaged_table,
+    read_kind,
+    read_table,
+    write_table,
 )
+from mocap_fit.tracks.types import TRACK_KINDS
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Tracks = MarkerTracks | PoseTracks | ParameterTracks
 Kind = Literal["markers", "poses", "parameters"]
-_KINDS = ("markers", "poses", "parameters")
-Columns = dict[str, np.ndarray[Any, Any]]
+Columns = Mapping[str, np.ndarray[Any, Any]]
 
 _KEY = "mocap_fit"
-_AXES = ("x", "y", "z")
-_MATRIX = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 _ADVICE = "Read a table of another program with pandas and give it to from_frame."
 
 
-def _kind(tracks: Tracks) -> Kind:
-    if isinstance(tracks, MarkerTracks):
-        return "markers"
-    return "poses" if isinstance(tracks, PoseTracks) else "parameters"
+class _Column(NamedTuple):
+    """A column of a table, and where its numbers are in the tracks."""
+
+    name: str
+    array: TrackArray
+    # Into the array with its trailing axes flattened.
+    key: tuple[slice | int, ...]
 
 
-def _column_names(kind: Kind, names: tuple[str, ...]) -> list[str]:
-    """Names of the columns after `utterance` and `time`, in order."""
-    if kind == "parameters":
-        return [*names, *(f"{name}_sd" for name in names), "residual_mm"]
-    if kind == "markers":
-        return [f"{name}_{part}" for name in names for part in (*_AXES, "origin")]
-    return [f"{name}_{part}" for name in names for part in (*_AXES, *_MATRIX, "residual_mm")]
+def _list_columns(kind: type[Tracks], names: Sequence[str]) -> list[_Column]:
+    """Return the columns after `utterance` and `time`, in order."""
+
+    def list_of(array: TrackArray, track: int) -> Iterator[_Column]:
+        if array.has_names or track == 0:
+            for k, column in enumerate(array.name_columns(names[track])):
+                key = (slice(None), track, k) if array.has_names else (slice(None),)
+                yield _Column(column, array, key)
+
+    tracks = range(len(names))
+    if kind.columns_by_track:
+        pairs = [(array, track) for track in tracks for array in kind.arrays]
+    else:
+        pairs = [(array, track) for array in kind.arrays for track in tracks]
+    return [column for array, track in pairs for column in list_of(array, track)]
 
 
-def columns_of(tracks: Tracks) -> Columns:
-    """The columns after `utterance`, by name."""
-    kind = _kind(tracks)
-    names = _column_names(kind, tracks.names)
+def _to_columns(tracks: Tracks) -> dict[str, np.ndarray[Any, Any]]:
+    """Return the columns after `utterance`, by name."""
+    columns = _list_columns(type(tracks), tracks.names)
+    names = [column.name for column in columns]
     reserved = {"utterance", "time"} & set(names)
     twice = sorted(reserved | {name for name in names if names.count(name) > 1})
     if twice:
@@ -75,21 +81,23 @@ def columns_of(tracks: Tracks) -> Columns:
             found=", ".join(twice),
             advice="Rename that track.",
         )
-    values: list[np.ndarray[Any, Any]] = []
-    if isinstance(tracks, ParameterTracks):
-        values = [*tracks.values.T, *tracks.standard_deviations.T, tracks.residuals]
-    elif isinstance(tracks, MarkerTracks):
-        for marker in range(len(tracks.names)):
-            values += [*tracks.positions[:, marker].T, tracks.origin[:, marker]]
-    else:
-        for body in range(len(tracks.names)):
-            matrix = tracks.rotations[:, body].reshape(-1, 9)
-            values += [*tracks.translations[:, body].T, *matrix.T, tracks.residuals[:, body]]
-    return {"time": tracks.times, **dict(zip(names, values, strict=True))}
+    arrays = {
+        array.attribute: getattr(tracks, array.attribute).reshape(_flat_shape(array, tracks))
+        for array in tracks.arrays
+    }
+    return {"time": tracks.times} | {
+        column.name: arrays[column.array.attribute][column.key] for column in columns
+    }
 
 
-def _plain(value: object) -> object:
-    """A numpy value as one that JSON can hold."""
+def _flat_shape(array: TrackArray, tracks: Tracks) -> tuple[int, ...]:
+    if not array.has_names:
+        return (tracks.frames,)
+    return (tracks.frames, len(tracks.names), len(array.columns))
+
+
+def _to_plain(value: object) -> object:
+    """Return a numpy value as one that JSON can hold."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, Mapping):
@@ -103,10 +111,10 @@ def _plain(value: object) -> object:
     )
 
 
-def metadata_of(tracks: Tracks) -> dict[str, Any]:
-    """What a table cannot hold, as values that JSON can."""
-    described = {
-        "kind": _kind(tracks),
+def _to_metadata(tracks: Tracks) -> dict[str, Any]:
+    """Return what a table cannot hold, as values that JSON can."""
+    description = {
+        "kind": tracks.kind,
         "name": tracks.name,
         "names": list(tracks.names),
         "rate": tracks.rate,
@@ -115,70 +123,42 @@ def metadata_of(tracks: Tracks) -> dict[str, Any]:
         "provenance": [step.to_dict() for step in tracks.provenance],
     }
     # Through JSON and back, so that a frame's metadata and a file's are the same.
-    plain: dict[str, Any] = json.loads(json.dumps(described, default=_plain))
+    plain: dict[str, Any] = json.loads(json.dumps(description, default=_to_plain))
     return plain
 
 
 def _assemble(columns: Columns, metadata: Mapping[str, Any], frames: int) -> Tracks:
-    """Tracks from their columns and metadata."""
-    kind: Kind = metadata["kind"]
+    """Return tracks made of their columns and metadata."""
+    kind = TRACK_KINDS[metadata["kind"]]
     names = tuple(metadata["names"])
-    missing = [name for name in _column_names(kind, names) if name not in columns]
-    if kind == "markers":
-        missing = [name for name in missing if not name.endswith("_origin")]
-    elif kind == "parameters":
-        missing = [name for name in missing if name in names]
-    else:
-        missing = [name for name in missing if not name.endswith("_residual_mm")]
+    wanted = _list_columns(kind, names)
+    missing = [c.name for c in wanted if c.name not in columns and not c.array.is_optional]
     if missing:
         raise DataError("the table lacks a column", expected=", ".join(missing))
-    common: dict[str, Any] = {
-        "start_time": metadata["start_time"],
-        "name": metadata["name"],
-        "events": tuple(Event(e["name"], e["time"]) for e in metadata["events"]),
-        "provenance": tuple(Step.from_dict(step) for step in metadata["provenance"]),
-    }
-    rate = metadata["rate"]
-    unknown = np.full(frames, np.nan)
-
-    def stacked(parts: list[str]) -> np.ndarray[Any, Any]:
-        return np.stack([columns.get(part, unknown) for part in parts], axis=-1)
-
-    if kind == "parameters":
-        return ParameterTracks(
-            names,
-            rate,
-            stacked(list(names)),
-            stacked([f"{name}_sd" for name in names]),
-            columns.get("residual_mm", unknown),
-            **common,
-        )
-    if kind == "markers":
-        positions = np.stack([stacked([f"{n}_{axis}" for axis in _AXES]) for n in names], axis=1)
-        if all(f"{name}_origin" in columns for name in names):
-            codes = stacked([f"{name}_origin" for name in names])
-            if not np.isin(codes, list(Origin)).all():
-                raise DataError(
-                    "an origin is none of the known codes",
-                    found=codes[~np.isin(codes, list(Origin))][0],
-                    expected=", ".join(f"{int(o)} {o.name.lower()}" for o in Origin),
-                )
-            common["origin"] = codes.astype(np.uint8)
-        return MarkerTracks(names, rate, positions, **common)
-    return PoseTracks(
+    arrays: dict[str, np.ndarray[Any, Any] | None] = {}
+    for array in kind.arrays:
+        parts = [column for column in wanted if column.array is array]
+        missing = [column.name for column in parts if column.name not in columns]
+        if len(missing) == len(parts) or (missing and array.dtype is not np.float64):
+            arrays[array.attribute] = None
+            continue
+        unknown = np.full(frames, np.nan)
+        stack = np.stack([columns.get(column.name, unknown) for column in parts], axis=-1)
+        axes = (len(names), *array.shape) if array.has_names else ()
+        arrays[array.attribute] = stack.reshape(frames, *axes)
+    return kind(
         names,
-        rate,
-        np.stack([stacked([f"{n}_{part}" for part in _MATRIX]) for n in names], axis=1).reshape(
-            frames, len(names), 3, 3
-        ),
-        np.stack([stacked([f"{n}_{axis}" for axis in _AXES]) for n in names], axis=1),
-        stacked([f"{name}_residual_mm" for name in names]),
-        **common,
+        metadata["rate"],
+        **arrays,
+        start_time=metadata["start_time"],
+        name=metadata["name"],
+        events=tuple(Event(e["name"], e["time"]) for e in metadata["events"]),
+        provenance=tuple(Step.from_dict(step) for step in metadata["provenance"]),
     )
 
 
 def to_frame(tracks: Tracks) -> pd.DataFrame:
-    """Tracks as a pandas data frame, one row a frame of the recording.
+    """Convert tracks to a pandas data frame, one row a frame of the recording.
 
     Parameters
     ----------
@@ -198,9 +178,9 @@ def to_frame(tracks: Tracks) -> pd.DataFrame:
     """
     import pandas as pd
 
-    frame = pd.DataFrame({"utterance": tracks.name, **columns_of(tracks)})
+    frame = pd.DataFrame({"utterance": tracks.name, **_to_columns(tracks)})
     frame["utterance"] = frame["utterance"].astype(str)
-    frame.attrs[_KEY] = metadata_of(tracks)
+    frame.attrs[_KEY] = _to_metadata(tracks)
     return frame
 
 
@@ -211,7 +191,7 @@ def from_frame(
     rate: float | None = None,
     start_time: float | None = None,
 ) -> Tracks:
-    """Tracks from a pandas data frame.
+    """Make tracks of a pandas data frame.
 
     Parameters
     ----------
@@ -219,10 +199,17 @@ def from_frame(
         A table with the columns that this module's text lists; `origin`, `_sd` and residual
         columns may be absent, and so may `utterance` and, where the rate is given, `time`.
     kind
-        ``markers``, ``poses`` or ``parameters``. When it is not given, it is what `to_frame`
-        noted, or else what the column names say.
-    rate, start_time
-        Hertz and seconds. When not given, they come from `to_frame` or else from `time`.
+        ``markers``, ``poses`` or ``parameters``. Where left out, it is what `to_frame` noted, or
+        else what the column names say.
+    rate
+        Frames per second, hertz; as `to_frame` noted, or else as `time` says, where left out.
+    start_time
+        Time of the first frame, seconds; likewise.
+
+    Returns
+    -------
+    MarkerTracks, PoseTracks or ParameterTracks
+        The tracks.
 
     Raises
     ------
@@ -234,22 +221,22 @@ def from_frame(
         metadata = dict(noted)
         # A part of the rows, or other times, are taken for what they are.
         if len(frame) and "time" in frame:
-            times = _numbers(frame, "time")
+            times = _get_numbers(frame, "time")
             if start_time is None and not np.isclose(times[0], metadata["start_time"], atol=1e-9):
                 metadata["start_time"] = float(times[0])
             _check_times(times, metadata["start_time"], rate or metadata["rate"])
     else:
-        metadata = _guessed(frame, kind, rate)
+        metadata = _guess_metadata(frame, kind, rate)
     if rate is not None:
         metadata["rate"] = rate
     if start_time is not None:
         metadata["start_time"] = start_time
-    wanted = _column_names(metadata["kind"], tuple(metadata["names"]))
-    columns = {name: _numbers(frame, name) for name in wanted if name in frame}
+    wanted = _list_columns(TRACK_KINDS[metadata["kind"]], metadata["names"])
+    columns = {c.name: _get_numbers(frame, c.name) for c in wanted if c.name in frame}
     return _assemble(columns, metadata, len(frame))
 
 
-def _numbers(frame: pd.DataFrame, column: str) -> np.ndarray[Any, Any]:
+def _get_numbers(frame: pd.DataFrame, column: str) -> np.ndarray[Any, Any]:
     try:
         return np.asarray(frame[column].to_numpy(dtype=np.float64, na_value=np.nan))
     except (TypeError, ValueError) as error:
@@ -272,14 +259,10 @@ def _check_times(times: np.ndarray[Any, Any], start: float, rate: float) -> None
         )
 
 
-def _guessed(frame: pd.DataFrame, kind: Kind | None, rate: float | None) -> dict[str, Any]:
-    """What `to_frame` would have noted, from the columns alone."""
+def _guess_metadata(frame: pd.DataFrame, kind: Kind | None, rate: float | None) -> dict[str, Any]:
+    """Return what `to_frame` would have noted, from the columns alone."""
     columns = [str(name) for name in frame.columns]
-    if kind is None:
-        if any(name.endswith("_r11") for name in columns):
-            kind = "poses"
-        else:
-            kind = "markers" if any(name.endswith("_x") for name in columns) else "parameters"
+    kind = _guess_kind(columns) if kind is None else kind
     if kind == "parameters":
         known = set(columns)
         names = [
@@ -298,18 +281,7 @@ def _guessed(frame: pd.DataFrame, kind: Kind | None, rate: float | None) -> dict
             expected="one",
             advice="Take them apart with groupby('utterance').",
         )
-    start = 0.0
-    if "time" in frame and len(frame):
-        times = _numbers(frame, "time")
-        start = float(times[0])
-        if rate is None and len(times) > 1:
-            length = float(times[-1] - times[0])
-            # Times are rounded when they are made; a rate has no more than these digits.
-            rate = round((len(times) - 1) / length, 9) if length > 0 else 0.0
-        if rate is not None and np.isfinite(rate) and rate > 0:
-            _check_times(times, start, rate)
-    if rate is None:
-        raise DataError("the table does not tell its rate", advice="Give rate=, in hertz.")
+    start, rate = _guess_times(frame, rate)
     return {
         "kind": kind,
         "name": str(utterances[0]) if len(utterances) else "",
@@ -321,9 +293,86 @@ def _guessed(frame: pd.DataFrame, kind: Kind | None, rate: float | None) -> dict
     }
 
 
+def _guess_kind(columns: Sequence[str]) -> Kind:
+    if any(name.endswith("_r11") for name in columns):
+        return "poses"
+    return "markers" if any(name.endswith("_x") for name in columns) else "parameters"
+
+
+def _guess_times(frame: pd.DataFrame, rate: float | None) -> tuple[float, float]:
+    """Return start time and rate, checked where the table has times."""
+    start = 0.0
+    if "time" in frame and len(frame):
+        times = _get_numbers(frame, "time")
+        start = float(times[0])
+        if rate is None and len(times) > 1:
+            length = float(times[-1] - times[0])
+            # Times are rounded when they are written; a rate has no more than these digits.
+            rate = round((len(times) - 1) / length, 9) if length > 0 else 0.0
+        if rate is not None and np.isfinite(rate) and rate > 0:
+            _check_times(times, start, rate)
+    if rate is None:
+        raise DataError("the table does not tell its rate", advice="Give rate=, in hertz.")
+    return start, rate
+
+
+def write_parquet(
+    tracks: Tracks,
+    path: str | os.PathLike[str],
+    extra_columns: Mapping[str, ArrayLike] | None = None,
+) -> None:
+    """Write tracks as one Parquet file, completely or not at all.
+
+    Parameters
+    ----------
+    tracks
+        Markers, poses or parameters.
+    path
+        The file; an existing one is replaced.
+    extra_columns
+        More columns for other programs, of any unit, ``(frames,)`` each; `read_parquet` leaves
+        them out.
+
+    Raises
+    ------
+    DataError
+        If two columns would have one name, or an extra one has the wrong length.
+    FileFormatError
+        If the file cannot be written.
+    """
+    import pyarrow as pa
+
+    columns = _to_columns(tracks)
+    for name, values in (extra_columns or {}).items():
+        array = np.asarray(values)
+        if name in columns or name == "utterance":
+            raise DataError("two columns of the table would have one name", found=name)
+        if array.shape != (tracks.frames,):
+            raise DataError(
+                f"the column '{name}' has the wrong length",
+                found=array.shape,
+                expected=(tracks.frames,),
+            )
+        columns[name] = array
+    arrays = {"utterance": pa.array([tracks.name] * tracks.frames, type=pa.string())}
+    arrays |= {name: pa.array(np.ascontiguousarray(a)) for name, a in columns.items()}
+    write_table(arrays, _to_metadata(tracks), path)
+
+
 def is_tracks_file(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is Parquet that `write_parquet` wrote."""
-    return kind_of(path) in _KINDS
+    """Tell whether a file is Parquet that `write_parquet` wrote.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    bool
+        False for any other file, and one that cannot be read.
+    """
+    return read_kind(path) in TRACK_KINDS
 
 
 def read_parquet(path: str | os.PathLike[str]) -> Tracks:
@@ -337,23 +386,27 @@ def read_parquet(path: str | os.PathLike[str]) -> Tracks:
     Returns
     -------
     MarkerTracks, PoseTracks or ParameterTracks
-        As they were written, to the last bit.
+        The tracks as they were written, to the last bit.
 
     Raises
     ------
+    MissingFileError
+        If there is no such file.
     FileFormatError
         If the file cannot be opened, is not Parquet, is cut short, was not written by
         mocap-fit, or by a later format than this one knows.
     """
-    table, metadata = read_table(path, _KINDS, "tracks", _ADVICE)
+    table, metadata = read_table(path, tuple(TRACK_KINDS), "tracks", _ADVICE)
     try:
-        wanted = _column_names(metadata["kind"], tuple(metadata["names"]))
+        wanted = _list_columns(TRACK_KINDS[metadata["kind"]], metadata["names"])
         columns = {
-            name: table.column(name).to_numpy() for name in wanted if name in table.column_names
+            column.name: table.column(column.name).to_numpy()
+            for column in wanted
+            if column.name in table.column_names
         }
         return _assemble(columns, metadata, table.num_rows)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise damaged(path, error) from None
+        raise from_damaged_table(error, path) from None
     except DataError as error:
         raise FileFormatError(
             f"the tracks in this file cannot be used: {error.problem}",
@@ -365,22 +418,28 @@ def read_parquet(path: str | os.PathLike[str]) -> Tracks:
 
 
 def read_provenance(path: str | os.PathLike[str]) -> Provenance:
-    """The steps that led to the tracks that a file holds, without holding them.
-
-    The whole file is looked through nevertheless, a group of rows at a time, for damage.
+    """Read the steps that led to the tracks in a file, which is checked for damage.
 
     Parameters
     ----------
     path
         The file.
 
+    Returns
+    -------
+    tuple of Step
+        The steps.
+
     Raises
     ------
+    MissingFileError
+        If there is no such file.
     FileFormatError
-        As `read_parquet`.
+        If the file cannot be opened, is not Parquet, is cut short, was not written by
+        mocap-fit, or by a later format than this one knows.
     """
-    description = look_through(path, _KINDS, "tracks", _ADVICE)
+    _, metadata = read_table(path, tuple(TRACK_KINDS), "tracks", _ADVICE)
     try:
-        return tuple(Step.from_dict(step) for step in description["provenance"])
+        return tuple(Step.from_dict(step) for step in metadata["provenance"])
     except (KeyError, TypeError, AttributeError) as error:
-        raise damaged(path, error) from None
+        raise from_damaged_table(error, path) from None

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mocap_fit.fitting.precision import compute_covariance, compute_motion_jacobian
+from mocap_fit.fitting.precision import compute_covariance
+from mocap_fit.tracks.rigid import compute_motion_jacobian
 
 
 def test_rigid_motion_effect_is_the_derivative(rng: np.random.Generator) -> None:

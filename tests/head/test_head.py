@@ -176,7 +176,7 @@ def test_the_motion_can_be_put_back(rng):
     assert tracks.provenance[-1].arguments["reference_markers"] == list(HEAD)
     assert motion.pose.provenance[-1].name == "estimate_head_motion"
     other = restore_head_motion(tracks.select(["face_1"]), motion)
-    np.testing.assert_allclose(other.positions[:, 0], recording.position("face_1"), atol=1e-9)
+    np.testing.assert_allclose(other.positions[:, 0], recording["face_1"], atol=1e-9)
     with pytest.raises(DataError, match="not of the same frames"):
         restore_head_motion(tracks.between(0.5, 1.0), motion)
 

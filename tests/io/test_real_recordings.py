@@ -39,7 +39,7 @@ def test_the_first_export_without_titles(qualisys: Path) -> None:
     assert tracks.names[2] == "Knee Hinge"
     assert tracks.names[5] == "Upper Leg IMU - 1"
     assert tracks.positions[0, 0].tolist() == [-804.935, 123.585, -978.146]
-    assert tracks.position("Lower Leg IMU - 3")[-1].tolist() == [-764.480, 257.803, -189.281]
+    assert tracks["Lower Leg IMU - 3"][-1].tolist() == [-764.480, 257.803, -189.281]
 
 
 def test_the_export_with_frame_and_time(qualisys: Path) -> None:
@@ -97,7 +97,7 @@ def test_the_c3d(data_folder: Path) -> None:
     assert (tracks.frames, tracks.rate, len(tracks.names)) == (340, 200.0, 55)
     assert tracks.start_time == pytest.approx(3.52)
     assert {"L_HDF", "L_HDB", "R_HDF", "R_HDB"} <= set(tracks.names)
-    assert tracks.position("L_HDF")[0] == pytest.approx([-165.0246, 230.6246, 1441.5514], abs=1e-4)
+    assert tracks["L_HDF"][0] == pytest.approx([-165.0246, 230.6246, 1441.5514], abs=1e-4)
     assert [event.name for event in tracks.events] == [
         *("LHS", "RTO", "RHS", "LTO"),
         *("LHS", "RTO", "RHS"),

@@ -131,7 +131,7 @@ def test_the_estimate_on_real_speech(data_folder):
     starts = []
     for path in sorted((folder / "tsv").iterdir())[:40]:
         tracks = read_tracks(path)
-        upper, lower = (tracks.position(f"lip_inner_mid_{side}") for side in ("upper", "lower"))
+        upper, lower = (tracks[f"lip_inner_mid_{side}"] for side in ("upper", "lower"))
         sound = read_sound(folder / "wav" / f"{path.stem}.wav")
         opening = np.linalg.norm(upper - lower, axis=1)
         starts.append(estimate_offset(opening, 25.0, sound).start_time)

@@ -28,7 +28,7 @@ def test_frames_are_on_the_clock_of_the_phones(english):
     assert tracks.rate == 50
     assert tracks.start_time == 0.3
     assert tracks.frames == 25
-    jaw = tracks.value("jaw_rotation")
+    jaw = tracks["jaw_rotation"]
     assert 0.5 <= tracks.times[jaw.argmax()] <= 0.6
     assert tracks.provenance[-1].name == "predict"
 

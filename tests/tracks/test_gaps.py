@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from mocap_fit.errors import DataError
-from mocap_fit.tracks import MarkerTracks, Origin, fill_gaps, gap_report
+from mocap_fit.tracks import MarkerTracks, Origin, count_gaps, fill_gaps
 
 RATE = 100.0
 
@@ -25,7 +25,7 @@ def without(tracks: MarkerTracks, *holes) -> MarkerTracks:
 
 
 def test_the_report_counts_gaps_frames_and_ends():
-    report = gap_report(without(waving(100), (0, 0, 5), (0, 20, 21), (0, 50, 60), (1, 97, 100)))
+    report = count_gaps(without(waving(100), (0, 0, 5), (0, 20, 21), (0, 50, 60), (1, 97, 100)))
     first, second = report.markers
     assert (first.name, first.gaps, first.missing, first.longest, first.at_ends) == (
         "m0",
@@ -45,9 +45,9 @@ def test_the_report_counts_gaps_frames_and_ends():
 
 
 def test_a_marker_that_is_never_seen_is_one_gap():
-    marker = gap_report(without(waving(50), (1, 0, 50))).markers[1]
+    marker = count_gaps(without(waving(50), (1, 0, 50))).markers[1]
     assert (marker.gaps, marker.missing, marker.share, marker.at_ends) == (1, 50, 1.0, 50)
-    assert "m1" not in str(gap_report(waving(50)))
+    assert "m1" not in str(count_gaps(waving(50)))
 
 
 @pytest.mark.parametrize(("method", "bound"), [("pchip", 0.12), ("linear", 0.25)])

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from mocap_fit.errors import DataError
-from mocap_fit.tracks import rigid_transform, rigid_transforms, similarity_transform, spread
+from mocap_fit.tracks import compute_spread, rigid_transform, rigid_transforms, similarity_transform
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -15,7 +15,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 def test_exact_transforms_are_recovered_also_of_flat_sets(seed, count, flat):
     rng = np.random.default_rng(seed)
     source = rng.normal(size=(count, 3)) * [60, 40, 0 if flat or count == 3 else 20]
-    if spread(source)[1] < 5:
+    if compute_spread(source)[1] < 5:
         return
     turn, shift = Rotation.random(rng=rng).as_matrix(), rng.normal(size=3) * 300
     rotation, translation = rigid_transform(source, source @ turn.T + shift)
@@ -133,8 +133,10 @@ def test_wrong_shapes_and_weights_are_refused():
 def test_spread_is_the_standard_deviation_along_the_principal_directions(rng):
     points = rng.normal(size=(200_000, 3)) * [30, 10, 2]
     turned = points @ Rotation.random(rng=rng).as_matrix().T + 500
-    np.testing.assert_allclose(spread(turned), [30, 10, 2], rtol=0.02)
-    np.testing.assert_allclose(spread(np.ones((4, 3))), 0, atol=1e-12)
-    assert np.isnan(spread(np.full((2, 3), np.nan))).all()
+    np.testing.assert_allclose(compute_spread(turned), [30, 10, 2], rtol=0.02)
+    np.testing.assert_allclose(compute_spread(np.ones((4, 3))), 0, atol=1e-12)
+    assert np.isnan(compute_spread(np.full((2, 3), np.nan))).all()
     # Points with weight 0 do not count.
-    np.testing.assert_allclose(spread([[0, 0, 0], [2, 0, 0], [9, 9, 9]], [1, 1, 0]), [1, 0, 0])
+    np.testing.assert_allclose(
+        compute_spread([[0, 0, 0], [2, 0, 0], [9, 9, 9]], [1, 1, 0]), [1, 0, 0]
+    )

@@ -127,7 +127,7 @@ def test_the_columns_of_a_corpus_are_as_the_design_says(tmp_path):
     ]
     assert set(table["utterance"]) == {"u1"}
     np.testing.assert_array_equal(table["time"], parameters().times)
-    np.testing.assert_array_equal(table["lip"], parameters().value("lip"))
+    np.testing.assert_array_equal(table["lip"], parameters()["lip"])
     assert same(read_parquet(path), parameters())
 
 

@@ -471,7 +471,7 @@ class TestHow:
         manifest.write_text(manifest.read_text().replace('"pulses"', '"estimate"'))
         for path in (lab / "recordings").iterdir():
             tracks = read_tracks(path)
-            apart = tracks.position("lip_upper_mid") - tracks.position("lip_lower_mid")
+            apart = tracks["lip_upper_mid"] - tracks["lip_lower_mid"]
             opening = np.linalg.norm(apart, axis=1)
             opening = np.where(np.isnan(opening), np.nanmedian(opening), opening)
             times = np.arange(int(16000 * (tracks.duration + 0.3))) / 16000

@@ -321,8 +321,8 @@ class TestHow:
         assert fit(session, tmp_path / "out", session.recordings[0], options=["--face", rig]) == 0
         found = read_parquet(tmp_path / "out" / "sim001.parquet")
         assert found.provenance[-3].arguments["face"] == "narrow.toml"
-        assert np.nanmax(np.abs(found.value("jaw_shift"))) <= 0.05 + 1e-12
-        free = read_parquet(fitted / "sim001.parquet").value("jaw_shift")
+        assert np.nanmax(np.abs(found["jaw_shift"])) <= 0.05 + 1e-12
+        free = read_parquet(fitted / "sim001.parquet")["jaw_shift"]
         assert np.nanmax(np.abs(free)) > 0.05
 
 

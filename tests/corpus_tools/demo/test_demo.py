@@ -141,9 +141,9 @@ def test_the_report_holds_error_and_bound_of_every_parameter(report):
 def test_the_report_is_about_the_files_beside_it(made, report):
     found, true = [], []
     for path in sorted((made / "same_head" / "fit").iterdir()):
-        found.append(read_parquet(path).value("jaw_rotation"))
+        found.append(read_parquet(path)["jaw_rotation"])
         truth = read_parquet(made / "same_head" / "truth" / "tracks" / path.name)
-        true.append(truth.value("jaw_rotation"))
+        true.append(truth["jaw_rotation"])
     found, true = np.concatenate(found), np.concatenate(true)
     seen = np.isfinite(found)
     row = report["sessions"]["same_head"]["distances"]

@@ -41,7 +41,7 @@ def differences(folder):
     assert set(places) == set(recording.names)
     return np.concatenate(
         [
-            (recording.position(name) - places[name])[recording.visible[:, i]].ravel()
+            (recording[name] - places[name])[recording.visible[:, i]].ravel()
             for i, name in enumerate(recording.names)
         ]
     )

@@ -239,6 +239,6 @@ def test_what_convert_finds_is_the_truth(corpora, tmp_path):
         close = np.abs(tracks.values - truth.values)
         assert np.nanmedian(close) < 0.06
         for name in ("jaw_rotation", "lip_rounding", "lower_lip_depression"):
-            found, true = tracks.value(name), truth.value(name)
+            found, true = tracks[name], truth[name]
             seen = np.isfinite(found)
             assert np.corrcoef(found[seen], true[seen])[0, 1] > 0.9
