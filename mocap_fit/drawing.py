@@ -1,8 +1,8 @@
 """The one style of all figures, and writing them to files.
 
 Colours are Okabe and Ito's, which people with any colour vision can distinguish. A figure for a
-file is drawn by a function that makes a `matplotlib.figure.Figure` with `new_figure`, to which
-`save_figure` applies the style; `new_axes` makes the axes of a figure to look at.
+file is drawn by a function that makes a `matplotlib.figure.Figure` with `create_figure`, to which
+`save_figure` applies the style; `create_axes` makes the axes of a figure to look at.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _METADATA: Mapping[str, Mapping[str, None]] = {
 }
 
 
-def new_figure(
+def create_figure(
     size: tuple[float, float], rows: int = 1, columns: int = 1, **options: Any
 ) -> tuple[Figure, Any]:
     """Make a figure for a file, with its panels.
@@ -81,7 +81,7 @@ def new_figure(
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def new_axes(size: tuple[float, float]) -> Axes:
+def create_axes(size: tuple[float, float]) -> Axes:
     """Make the axes of a figure to look at, in a window or a notebook.
 
     Parameters

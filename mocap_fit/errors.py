@@ -138,7 +138,7 @@ class MocapFitWarning(UserWarning):
     """A warning about data that were corrected or left out."""
 
 
-def with_path(error: _AnyError, path: str | os.PathLike[str]) -> _AnyError:
+def add_path(error: _AnyError, path: str | os.PathLike[str]) -> _AnyError:
     """Return a copy of an error that names a file, or the error itself where it names one.
 
     Parameters

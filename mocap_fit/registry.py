@@ -53,7 +53,7 @@ class Registry:
         """
         return tuple(sorted(self._list_entries()))
 
-    def source(self, name: str) -> str:
+    def get_distribution(self, name: str) -> str:
         """Return the distribution that a plug-in comes from.
 
         Parameters
@@ -71,7 +71,7 @@ class Registry:
         RegistryError
             If there is no plug-in of that name.
         """
-        return _get_distribution(self._get_entry(name))
+        return _name_distribution(self._get_entry(name))
 
     def get(self, name: str) -> Any:
         """Import a plug-in, once, and return it.
@@ -97,7 +97,7 @@ class Registry:
                 self._loaded[name] = entry.load()
             except Exception as error:
                 raise RegistryError(
-                    f"the {self.noun} '{name}' of {_get_distribution(entry)} cannot be loaded",
+                    f"the {self.noun} '{name}' of {_name_distribution(entry)} cannot be loaded",
                     found=f"{type(error).__name__}: {error}",
                     advice="Reinstall that distribution, or uninstall it.",
                 ) from error
@@ -130,7 +130,7 @@ class Registry:
         except (MocapFitError, OSError, MemoryError):
             raise
         except Exception as error:
-            source = self.source(name)
+            source = self.get_distribution(name)
             if source == _DISTRIBUTION:
                 raise
             raise RegistryError(
@@ -204,8 +204,8 @@ class Registry:
                 if earlier is not None and earlier.value != entry.value:
                     raise RegistryError(
                         f"two distributions register the {self.noun} '{entry.name}'",
-                        found=f"{_get_distribution(earlier)} ({earlier.value}) and "
-                        f"{_get_distribution(entry)} ({entry.value})",
+                        found=f"{_name_distribution(earlier)} ({earlier.value}) and "
+                        f"{_name_distribution(entry)} ({entry.value})",
                         expected="one",
                         advice="Uninstall one of them.",
                     )
@@ -224,5 +224,5 @@ class Registry:
             ) from None
 
 
-def _get_distribution(entry: metadata.EntryPoint) -> str:
+def _name_distribution(entry: metadata.EntryPoint) -> str:
     return entry.dist.name if entry.dist is not None else "an unknown distribution"

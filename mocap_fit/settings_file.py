@@ -127,7 +127,7 @@ def validate_settings(
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        location, problem = first_fault(content, error.errors())
+        location, problem = find_first_fault(content, error.errors())
         at = f" at {location}" if location else ""
         raise ConfigurationError(f"the {noun} is wrong{at}: {problem}", path=path) from None
 
@@ -178,7 +178,7 @@ def _locate(package: str, folder: str) -> Traversable:
     return root.joinpath(folder) if folder else root
 
 
-def first_fault(content: object, faults: Sequence[Any]) -> tuple[str, str]:
+def find_first_fault(content: object, faults: Sequence[Any]) -> tuple[str, str]:
     """Return the location of pydantic's first error in a file, and what is wrong there.
 
     The location lists the keys that lead to it, such as ``markers.3 'chin'.weight``; it is empty

@@ -23,7 +23,7 @@ def utterance(name: str, split: str = "train", rate: float = 60.0) -> Utterance:
         ),
         phone_set="en-arpabet",
         name=name,
-    ).with_step("read_phones", {"file": "x.TextGrid"})
+    ).add_step("read_phones", {"file": "x.TextGrid"})
     tracks = ParameterTracks(NAMES, rate, values, start_time=0.02, name=name)
     return Utterance.from_tracks(
         tracks, phones, split=split, text="ah", sources=("a.tsv",), checks=("ok",)

@@ -97,4 +97,4 @@ def test_warnings_can_be_told_from_those_of_others():
 def test_the_first_fault_of_a_file_of_tables(location, message, place, problem):
     content = {"rows": [{"size": 1}, {"name": "b", "size": 2}]}
     faults = [{"loc": location, "msg": message}, {"loc": ("other",), "msg": "other"}]
-    assert settings_file.first_fault(content, faults) == (place, problem)
+    assert settings_file.find_first_fault(content, faults) == (place, problem)

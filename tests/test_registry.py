@@ -38,7 +38,7 @@ def test_plug_ins_are_found_by_name_and_imported_when_first_asked_for(install):
     )
     registry = Registry(GROUP, "reader")
     assert registry.names() == ("arena", "vicon")
-    assert registry.source("vicon") == "lab-formats"
+    assert registry.get_distribution("vicon") == "lab-formats"
     assert "lab_vicon" not in sys.modules
     assert registry.get("vicon").kind == "module"
     assert "lab_vicon" in sys.modules
@@ -102,4 +102,4 @@ def test_our_own_plug_ins_are_installed_and_load():
         assert callable(readers.get(name).read)
     rigs = Registry("mocap_fit.rigs", "rig")
     assert "parke" in rigs.names()
-    assert rigs.source("parke") == "mocap-fit"
+    assert rigs.get_distribution("parke") == "mocap-fit"

@@ -75,7 +75,7 @@ VERBS = frozenset(
 # Nouns of what a function returns, where numpy, scipy or scikit-learn would say it so.
 NOUNS = frozenset(
     """
-    adjoint at between correlation cost covariance default derivative dot energy_db exp factory
+    adjoint at between correlation cost covariance default derivative dot energy_db equals exp factory
     gradient hessian indices interpolant inverse jacobian kernel log main matrix mean median
     names norm objective orthonormal percentile residual residuals ridge rms smoothstep softmax
     sigmoid std tanh values variance wrapper
@@ -94,11 +94,8 @@ PENDING = (
     "corpus_tools/talking",
     "corpus_tools/training",
     "corpus_tools/validation",
-    "mocap_fit/atomic_file.py",
     "mocap_fit/control/cart",
     "mocap_fit/control/rule_",
-    "mocap_fit/drawing.py",
-    "mocap_fit/errors.py",
     "mocap_fit/evaluation",
     "mocap_fit/fitting",
     "mocap_fit/head",
@@ -106,10 +103,8 @@ PENDING = (
     "mocap_fit/labels",
     "mocap_fit/phones",
     "mocap_fit/processes.py",
-    "mocap_fit/registry.py",
     "mocap_fit/render",
     "mocap_fit/synthesis",
-    "mocap_fit/tracks",
 )
 
 

@@ -72,7 +72,7 @@ from mocap_fit.corpus import draw_fraction
 from mocap_fit.errors import ConfigurationError, from_os_error
 from mocap_fit.fitting.objective import OBJECTIVES, Objective
 from mocap_fit.fitting.solving import SOLVERS
-from mocap_fit.settings_file import first_fault
+from mocap_fit.settings_file import find_first_fault
 from mocap_fit.sound import SyncKind
 from mocap_fit.sound.estimate import MAX_OFFSET
 
@@ -269,7 +269,7 @@ def load_manifest(path: Path) -> Manifest:
         raise from_os_error(error, path, "manifest") from None
     except ValidationError as error:
         faults: list[Any] = list(error.errors())
-        place, problem = first_fault(content, faults)
+        place, problem = find_first_fault(content, faults)
         raise ConfigurationError(f"{place}: {problem}" if place else problem, path=path) from None
     except ValueError as error:
         raise ConfigurationError("the manifest is not TOML", path=path, found=error) from None

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from corpus_tools.conversion.plan import Job, Settings
-from mocap_fit.errors import DataError, MocapFitError, MocapFitWarning, with_path
+from mocap_fit.errors import DataError, MocapFitError, MocapFitWarning, add_path
 from mocap_fit.io import read_tracks
 from mocap_fit.labels import read_phones
 from mocap_fit.phones import PhoneSequence, UnknownPhone, find_unknown_phones
@@ -80,7 +80,7 @@ def read_labels(settings: Settings, root: Path, job: Job, rate: float | None) ->
     except DataError as error:
         unknown = _unknown_phones(settings, root, job)
         if not unknown:
-            raise with_path(error, path) from None
+            raise add_path(error, path) from None
         refused = UnknownPhonesError(
             f"{len(unknown)} symbols are not in the phone set '{phone_set.name}': "
             + "; ".join(map(str, unknown)),
@@ -125,7 +125,7 @@ def on_one_clock(
             max_offset=said.largest_offset,
         )
     except DataError as error:
-        raise with_path(error, job.sound or job.recording) from None
+        raise add_path(error, job.sound or job.recording) from None
     return recording, found.to_dict()
 
 
@@ -212,4 +212,4 @@ def with_energy(phones: PhoneSequence, speech: Sound) -> PhoneSequence:
             dataclasses.replace(segment, energy_db=None if np.isnan(energy) else float(energy))
             for segment, energy in zip(phones, energies, strict=True)
         )
-    ).with_step("energy_db", {"reference": "full scale"})
+    ).add_step("energy_db", {"reference": "full scale"})

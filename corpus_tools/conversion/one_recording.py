@@ -16,7 +16,7 @@ from typing import Any, TypedDict
 import numpy as np
 
 from corpus_tools.cli import console
-from mocap_fit.errors import MocapFitError, MocapFitWarning, describe_error, with_path
+from mocap_fit.errors import MocapFitError, MocapFitWarning, add_path, describe_error
 from mocap_fit.fitting.objective import Objective
 from mocap_fit.fitting.speaker import Speaker
 from mocap_fit.io import read_tracks
@@ -198,7 +198,7 @@ def watched(work: Callable[[dict[str, float]], Outcome], file: Path) -> Outcome:
         try:
             outcome = work(seconds)
         except (MocapFitError, OSError) as error:
-            told = with_path(error, file) if isinstance(error, MocapFitError) else error
+            told = add_path(error, file) if isinstance(error, MocapFitError) else error
             outcome = Outcome({"error": describe_error(told)})
             trace = traceback.format_exc() if console.debugging() else None
     lines = (
@@ -242,7 +242,7 @@ def _fitted(
         fitted=int(fitted.sum()),
         head_residual=float(np.nanmedian(motion.residuals)),
     )
-    return tracks.with_step(STEP, came_of_it)
+    return tracks.add_step(STEP, came_of_it)
 
 
 def _summary(

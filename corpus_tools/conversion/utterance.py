@@ -30,7 +30,7 @@ from corpus_tools.conversion.material import (
 )
 from corpus_tools.conversion.plan import Job, Settings
 from mocap_fit.atomic_file import make_folder, write_atomically
-from mocap_fit.errors import DataError, MocapFitError, MocapFitWarning, describe_error, with_path
+from mocap_fit.errors import DataError, MocapFitError, MocapFitWarning, add_path, describe_error
 from mocap_fit.phones import UnknownPhone, write_phones
 from mocap_fit.sound import Sound, read_sound, write_sound
 from mocap_fit.tracks import write_parquet
@@ -278,22 +278,22 @@ def _converted(
                     still, **settings.options, progress=lambda frames: told(frames, still.frames)
                 )
         except DataError as error:
-            raise with_path(error, job.recording) from None
+            raise add_path(error, job.recording) from None
     fitted = np.isfinite(result.parameters.residuals)
     if not fitted.any():
         raise DataError("no frame could be fitted", path=job.recording)
     with _timed(seconds, "writing"):
         audio = _write_audio(task, job, sound, speech)
         write_parquet(
-            recording.replace(name=name).with_step(_STEP, made_from),
+            recording.replace(name=name).add_step(_STEP, made_from),
             task.out / "markers" / f"{name}.parquet",
         )
         write_parquet(
-            motion.pose.replace(name=name).with_step(_STEP, made_from),
+            motion.pose.replace(name=name).add_step(_STEP, made_from),
             task.out / "head" / f"{name}.parquet",
         )
         write_phones(
-            phones.replace(name=name).with_step(_STEP, made_from),
+            phones.replace(name=name).add_step(_STEP, made_from),
             task.out / "phones" / f"{name}.parquet",
         )
         figures: dict[str, Any] = {
@@ -312,7 +312,7 @@ def _converted(
         if audio is not None:
             figures["audio"] = audio
         write_parquet(
-            result.parameters.replace(name=name).with_step(_STEP, figures),
+            result.parameters.replace(name=name).add_step(_STEP, figures),
             task.out / "tracks" / f"{name}.parquet",
         )
     # Here for the report; in the file they are told already.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from corpus_tools.demo.comparison import Accuracy, FittedRecording, pose_errors
-from mocap_fit.drawing import BLUE, GREEN, GREY, INK, ORANGE, PALE, RED, new_figure, write_title
+from mocap_fit.drawing import BLUE, GREEN, GREY, INK, ORANGE, PALE, RED, create_figure, write_title
 from mocap_fit.fitting import Binding
 from mocap_fit.tracks import FloatArray
 
@@ -33,7 +33,7 @@ def track_figure(recording: FittedRecording, speaker: str = "") -> Figure:
     times, count = truth.times, len(truth.names)
     columns = 2
     rows = -(-count // columns)
-    figure, axes = new_figure(
+    figure, axes = create_figure(
         (10.5, 1.25 * rows + 1.5),
         rows + 1,
         columns,
@@ -89,7 +89,7 @@ def residual_figure(recording: FittedRecording) -> Figure:
     residuals = recording.fit.marker_residuals
     times = recording.truth.times
     markers = residuals.shape[1]
-    figure, axes = new_figure(
+    figure, axes = create_figure(
         (10.5, 7.2), 2, 2, height_ratios=[1, 3.6], width_ratios=[3.4, 1], sharex="col"
     )
     over_time, corner, heat, by_marker = axes.ravel()
@@ -139,7 +139,7 @@ def accuracy_figure(by_objective: dict[str, Accuracy], noise: float) -> Figure:
     """Error of each parameter beside its Cramér-Rao bound, for fits with several objectives."""
     first = next(iter(by_objective.values()))
     rows = np.arange(len(first.names))
-    figure, axes = new_figure((8.0, 4.6), 1, 1)
+    figure, axes = create_figure((8.0, 4.6), 1, 1)
     axis: Axes = axes[0, 0]
     axis.barh(rows, 100 * first.bounds, color=PALE, height=0.72, label="Cramér-Rao bound")
     looks = (("o", BLUE), ("D", RED), ("s", GREEN))
@@ -172,7 +172,7 @@ def accuracy_figure(by_objective: dict[str, Accuracy], noise: float) -> Figure:
 def head_figure(recording: FittedRecording) -> Figure:
     """The head's motion that was found, the true one, and the difference."""
     motion, truth, times = recording.motion, recording.true_pose, recording.truth.times
-    figure, axes = new_figure(
+    figure, axes = create_figure(
         (10.5, 5.4), 2, 2, height_ratios=[2.4, 1], sharex=True, gridspec_kw={"wspace": 0.12}
     )
     centre = motion.centre
@@ -234,7 +234,7 @@ def face_figure(recording: FittedRecording, binding: Binding, frames: Sequence[i
     mesh = binding.rig.mesh
     corners = binding.vertex_ids[binding.corners[:, 0]]
     size = (420, 500)
-    figure, axes = new_figure(
+    figure, axes = create_figure(
         (2.1 * len(frames), 5.6),
         2,
         len(frames),

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
 
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.phones import FEATURE_NAMES, Phone
-from mocap_fit.settings_file import first_fault
+from mocap_fit.settings_file import find_first_fault
 
 # Long vowels of ARPAbet, whose IPA here has no mark of length.
 _LONG = frozenset(["IY", "UW", "AA", "AO", "ER"])
@@ -129,7 +129,7 @@ def load_table(file: str, kind: type[Table]) -> Table:
         raise ConfigurationError("the simulation has no such table", path=file) from None
     except ValidationError as error:
         faults: list[Any] = list(error.errors())
-        place, problem = first_fault(content, faults)
+        place, problem = find_first_fault(content, faults)
         raise ConfigurationError(f"{place}: {problem}" if place else problem, path=file) from None
 
 

@@ -13,7 +13,7 @@ from corpus_tools.cli import console
 from corpus_tools.cli.console import Status
 from corpus_tools.simulation.session import Conditions, Session, Simulation
 from mocap_fit.atomic_file import make_folder, write_text
-from mocap_fit.errors import ConfigurationError, MocapFitError, with_path
+from mocap_fit.errors import ConfigurationError, MocapFitError, add_path
 from mocap_fit.face import load_face
 from mocap_fit.fitting import load_layout
 from mocap_fit.fitting.layout import list_layouts
@@ -178,7 +178,7 @@ class _Takes:
             self.articulator.say(phones, times, face),
             start_time=before,
             name=name,
-        ).with_step("simulate", self.step)
+        ).add_step("simulate", self.step)
         pulses = sync_pulses(times, len(speech), speech.rate)
         both = Sound(np.stack([speech.get_channel(1), pulses], axis=1), speech.rate)
         write_sound(both, out / "sound" / f"{name}.wav")
@@ -296,4 +296,4 @@ def _session(
     try:
         return Session(load_layout(layout), face, conditions)
     except MocapFitError as error:
-        raise with_path(error, layout) from None
+        raise add_path(error, layout) from None

@@ -15,9 +15,9 @@ from corpus_tools.validation.shapes import Fitted, Stilled
 from corpus_tools.validation.slips import find_slips
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.fitting import Layout
-from mocap_fit.tracks import FloatArray, MarkerTracks, compute_spread, rigid_transforms
+from mocap_fit.tracks import FloatArray, MarkerTracks, compute_spread, estimate_rigid_transforms
 from mocap_fit.tracks.interpolation import find_runs
-from mocap_fit.tracks.rigid_sets import median_points, typical_shape
+from mocap_fit.tracks.rigid_sets import compute_median, compute_typical_shape
 
 _UNITS = {1000.0: "metres", 100.0: "decimetres", 10.0: "centimetres", 25.4: "inches"}
 # Recordings that tell what is usual in a session.
@@ -108,8 +108,8 @@ def check_head(
     residuals = still.residuals
     if len(head) == 3:
         # The pose rests on all markers there; of these three the residual is their own.
-        shape = typical_shape(positions)
-        residuals = rigid_transforms(shape, positions)[2]
+        shape = compute_typical_shape(positions)
+        residuals = estimate_rigid_transforms(shape, positions)[2]
     some = recording.visible.any(axis=1)
     unknown = np.isnan(residuals) & some
     if some.any() and unknown.sum() > rigid.pose_unknown * some.sum():
@@ -189,7 +189,7 @@ def _session_shape(members: Sequence[Shape], limits: Thresholds) -> _Session | N
         for row, (one, fit) in enumerate(zip(placed, fits, strict=True)):
             if fit is not None and not fit.mirrored:
                 aligned[row] = _moved(one, fit, base)
-        base = median_points(aligned)
+        base = compute_median(aligned)
     usable = [r for r in rotations if r is not None]
     if len(usable) < _FEWEST:
         return None
@@ -197,11 +197,11 @@ def _session_shape(members: Sequence[Shape], limits: Thresholds) -> _Session | N
     usual = usable[int(np.argmin(angles))]
     sizes = np.array([_spread(one) for one in placed])
     # `base` has the size of the recording that came first: give it the session's.
-    centre = median_points(np.array([median_points(one) for one in placed]))
-    shape = (base - median_points(base)) @ usual
+    centre = compute_median(np.array([compute_median(one) for one in placed]))
+    shape = (base - compute_median(base)) @ usual
     shape = shape * float(np.nanmedian(sizes) / _spread(shape)) + centre
     differences = np.linalg.norm(aligned - base, axis=2)
-    return _Session(names, shape, median_points(differences), centre)
+    return _Session(names, shape, compute_median(differences), centre)
 
 
 def _spread(points: FloatArray) -> float:
@@ -290,7 +290,7 @@ def _axes(member: Shape, middle: _Session | None, limits: Thresholds) -> Iterato
     if fit.mirrored:
         kind, words = shapes.in_words(fit.matrix)
         # Exchanged names leave the head where it was; a reversed axis does not.
-        centre = median_points(here)
+        centre = compute_median(here)
         size = _spread(middle.shape)
         there = np.linalg.norm(centre - middle.centre)
         moved = np.linalg.norm(centre - fit.scale * fit.matrix @ middle.centre)
@@ -383,7 +383,7 @@ def _odd_one(
     for k in there:
         others = there[there != k]
         rest = here[None, others]
-        rotations, translations, residuals = rigid_transforms(usual[others], rest)
+        rotations, translations, residuals = estimate_rigid_transforms(usual[others], rest)
         if np.isnan(residuals[0]):
             continue
         off = float(np.linalg.norm(here[k] - rotations[0] @ usual[k] - translations[0]))

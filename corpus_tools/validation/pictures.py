@@ -10,7 +10,7 @@ import numpy as np
 from corpus_tools.validation.findings import Finding
 from corpus_tools.validation.report import Report
 from corpus_tools.validation.subject import Summary
-from mocap_fit.drawing import BLUE, CYCLE, GREY, ORANGE, RED, new_figure
+from mocap_fit.drawing import BLUE, CYCLE, GREY, ORANGE, RED, create_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -95,7 +95,7 @@ def evidence_picture(finding: Finding) -> Figure:
     """The curves about a finding, with its stretch marked."""
     shown = finding.evidence
     assert shown is not None
-    figure, panels = new_figure((_WIDTH, 2.2))
+    figure, panels = create_figure((_WIDTH, 2.2))
     panel = panels[0, 0]
     if finding.place.seconds is not None:
         start, end = finding.place.seconds
@@ -136,7 +136,7 @@ def _figures(summaries: Sequence[Summary], name: str) -> Any:
 def _gaps(gaps: dict[str, list[float]], limit: float) -> Figure:
     worst = sorted(gaps, key=lambda name: -max(gaps[name]))[:_MOST_NAMES]
     names = [name for name in gaps if name in worst]
-    figure, panels = new_figure((_WIDTH, 0.9 + 0.16 * len(names)))
+    figure, panels = create_figure((_WIDTH, 0.9 + 0.16 * len(names)))
     panel = panels[0, 0]
     places = np.arange(len(names))
     panel.barh(places, [100 * np.mean(gaps[n]) for n in names], color=BLUE, height=0.7)
@@ -150,7 +150,7 @@ def _gaps(gaps: dict[str, list[float]], limit: float) -> Figure:
 
 
 def _front(summaries: Sequence[Summary]) -> Figure:
-    figure, panels = new_figure((_WIDTH, 6.4))
+    figure, panels = create_figure((_WIDTH, 6.4))
     panel = panels[0, 0]
     for summary in summaries:
         shape = summary.shape
@@ -175,7 +175,7 @@ def _front(summaries: Sequence[Summary]) -> Figure:
 def _histogram(
     values: Any, label: str, counted: str, limit: float | None, *, both: bool = False
 ) -> Figure:
-    figure, panels = new_figure((_WIDTH, 2.4))
+    figure, panels = create_figure((_WIDTH, 2.4))
     panel = panels[0, 0]
     panel.hist(values, bins=min(40, max(8, len(values) // 4)), color=BLUE)
     for value in [] if limit is None else [limit, -limit] if both else [limit]:
@@ -188,7 +188,7 @@ def _histogram(
 def _reach(summaries: Sequence[Summary], bounds: dict[str, tuple[float, float]]) -> Figure:
     told = [summary.reach for summary in summaries if summary.reach]
     names = list(told[0])
-    figure, panels = new_figure((_WIDTH, 0.9 + 0.3 * len(names)))
+    figure, panels = create_figure((_WIDTH, 0.9 + 0.3 * len(names)))
     panel = panels[0, 0]
     for row, name in enumerate(names):
         if name in bounds:
@@ -205,7 +205,7 @@ def _reach(summaries: Sequence[Summary], bounds: dict[str, tuple[float, float]])
 
 
 def _lengths(lengths: Any) -> Figure:
-    figure, panels = new_figure((4.6, 3.6))
+    figure, panels = create_figure((4.6, 3.6))
     panel = panels[0, 0]
     top = 1.05 * float(lengths.max())
     panel.plot([0, top], [0, top], color=GREY, linewidth=0.8)

@@ -10,10 +10,10 @@ import numpy as np
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.fitting import Layout, load_layout
 from mocap_fit.fitting.layout import list_layouts
-from mocap_fit.tracks import FloatArray, MarkerTracks, compute_spread, rigid_transforms
+from mocap_fit.tracks import FloatArray, MarkerTracks, compute_spread, estimate_rigid_transforms
 from mocap_fit.tracks.rigid import apply_inverse_transforms, project_to_rotations
-from mocap_fit.tracks.rigid_sets import median_points, typical_shape
-from mocap_fit.tracks.robust import robust_rigid_transforms
+from mocap_fit.tracks.rigid_sets import compute_median, compute_typical_shape
+from mocap_fit.tracks.robust import estimate_robust_transforms
 
 # A shipped layout is taken where a recording has as many of its markers.
 _KNOWN_SHARE = 0.8
@@ -68,21 +68,21 @@ def stilled(recording: MarkerTracks, head: Sequence[int]) -> Stilled | None:
     if not len(positions):
         return None
     chosen = np.array(head if len(head) >= 4 else range(positions.shape[1]), dtype=np.intp)
-    shape = typical_shape(positions[:, chosen])
+    shape = compute_typical_shape(positions[:, chosen])
     if (~np.isnan(shape[:, 0])).sum() < 3:
         return None
     if len(head) >= 4:
-        fit = robust_rigid_transforms(shape, positions[:, chosen])
+        fit = estimate_robust_transforms(shape, positions[:, chosen])
         rotations, translations, residuals = fit.rotations, fit.translations, fit.residuals
     else:
-        rotations, translations, residuals = rigid_transforms(shape, positions[:, chosen])
+        rotations, translations, residuals = estimate_rigid_transforms(shape, positions[:, chosen])
     known = ~np.isnan(residuals)
     if not known.any():
         return None
     still = apply_inverse_transforms(positions, rotations, translations)
     return Stilled(
         still,
-        median_points(still),
+        compute_median(still),
         residuals,
         project_to_rotations(rotations[known].sum(axis=0)),
         np.median(translations[known], axis=0),

@@ -9,10 +9,10 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from corpus_tools.validation.thresholds import Section
-from mocap_fit.tracks import FloatArray, rigid_transforms
+from mocap_fit.tracks import FloatArray, estimate_rigid_transforms
 from mocap_fit.tracks.interpolation import find_runs
 from mocap_fit.tracks.rigid import apply_inverse_transforms
-from mocap_fit.tracks.rigid_sets import typical_shape
+from mocap_fit.tracks.rigid_sets import compute_typical_shape
 
 # The fewest frames whose median is calm.
 _FRAMES = 8
@@ -53,14 +53,14 @@ def find_slips(
     step = max(1, window // 4)
     starts = np.arange(0, frames - window + 1, step)
     usual = _usual_moment(positions, starts, window)
-    shape = typical_shape(positions[usual : usual + window])
+    shape = compute_typical_shape(positions[usual : usual + window])
     if np.isnan(shape).any():
         return []
     off = np.full((markers, len(starts)), np.nan)
     rest = np.full((markers, len(starts)), np.inf)
     for k in range(markers):
         others = np.delete(np.arange(markers), k)
-        pose = rigid_transforms(shape[others], positions[:, others])
+        pose = estimate_rigid_transforms(shape[others], positions[:, others])
         seen = apply_inverse_transforms(positions[:, [k]], pose[0], pose[1])[:, 0] - shape[k]
         away, fits = _medians(seen, starts, window), _medians(pose[2][:, None], starts, window)
         off[k] = np.linalg.norm(away, axis=1)

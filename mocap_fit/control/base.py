@@ -373,7 +373,7 @@ class ControlModel(abc.ABC):
             provenance=phones.provenance,
         )
         settings = to_json(self.get_params())
-        return tracks.with_step("predict", {"model": self.name, "settings": settings})
+        return tracks.add_step("predict", {"model": self.name, "settings": settings})
 
     def stream(self, rate: float | None = None) -> Stream:
         """Begin a live utterance: phones are pushed, frames are pulled as they become known.
@@ -578,7 +578,7 @@ def load(path: str | os.PathLike[str]) -> ControlModel:
     except Exception as error:
         problem, source = "this model file is damaged", ""
         if name:
-            source = CONTROL_MODELS.source(name)
+            source = CONTROL_MODELS.get_distribution(name)
         if source not in ("", "mocap-fit"):
             problem += f", or the control model '{name}' of {source} cannot read it"
         elif not isinstance(error, _DAMAGE):

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from mocap_fit.errors import ConfigurationError, from_os_error
 from mocap_fit.phones import FEATURE_NAMES, Phone, PhoneSet
-from mocap_fit.settings_file import first_fault
+from mocap_fit.settings_file import find_first_fault
 
 _Positive = Annotated[float, Field(gt=0)]
 _Share = Annotated[float, Field(ge=0, le=1)]
@@ -233,7 +233,7 @@ def _read(text: str, kind: type[_File], path: str) -> _File:
         raise ConfigurationError("the table of rules is not TOML", path=path, found=error) from None
     except ValidationError as error:
         faults: list[Any] = list(error.errors())
-        place, problem = first_fault(content, faults)
+        place, problem = find_first_fault(content, faults)
         raise ConfigurationError(
             f"the table of rules is wrong{' at ' if place else ''}{place}: {problem}", path=path
         ) from None

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mocap_fit.drawing import CYCLE, GREY, INK, PALE, new_figure, write_title
+from mocap_fit.drawing import CYCLE, GREY, INK, PALE, create_figure, write_title
 from mocap_fit.evaluation.evaluation import Evaluation
 from mocap_fit.evaluation.measures import GROUPS
 from mocap_fit.phones import PhoneSequence
@@ -36,7 +36,7 @@ def score_figure(evaluation: Evaluation) -> Figure:
     order = [evaluation.models.index(name) for name in reversed(evaluation.ranking())]
     names = [evaluation.models[i] for i in order]
     size = (9.0, 1.5 + 0.42 * len(names))
-    figure, axes = new_figure(size, 1, 2, sharey=True)
+    figure, axes = create_figure(size, 1, 2, sharey=True)
     titles = {"rmse": "RMSE (% of the range; less is better)", "correlation": "correlation"}
     for axis, (measure, title) in zip(axes[0], titles.items(), strict=True):
         values, low, high = evaluation.averages(measure)
@@ -69,7 +69,7 @@ def parameter_figure(evaluation: Evaluation) -> Figure:
     order = [evaluation.models.index(name) for name in evaluation.ranking()]
     values = evaluation.rmse[order, 0]
     rows, columns = values.shape
-    figure, axes = new_figure((1.6 + 0.85 * columns, 1.9 + 0.34 * rows))
+    figure, axes = create_figure((1.6 + 0.85 * columns, 1.9 + 0.34 * rows))
     axis = axes[0, 0]
     known = values[np.isfinite(values)]
     top = float(known.max()) if known.size else 1.0
@@ -117,7 +117,7 @@ def trajectory_figure(
     low, high = float(np.nanmin(every)), float(np.nanmax(every))
     margin = 0.06 * max(high - low, 1e-3)
     rows = len(predictions)
-    figure, axes = new_figure(
+    figure, axes = create_figure(
         (10.0, 1.25 * rows + 1.3),
         rows + 1,
         1,
@@ -179,7 +179,7 @@ def dominance_figure(
     fine = np.linspace(times[0], times[-1], 4 * len(times))
     dominances = model.compute_dominances(phones, fine, parameter)
     column = target.index(parameter)
-    figure, axes = new_figure((10.0, 4.6), 3, 1, sharex=True, height_ratios=[1.0, 1.0, 0.2])
+    figure, axes = create_figure((10.0, 4.6), 3, 1, sharex=True, height_ratios=[1.0, 1.0, 0.2])
     above, below, strip = axes[:, 0]
     for i in range(len(phones)):
         colour = CYCLE[i % len(CYCLE)]
@@ -216,7 +216,7 @@ def look_ahead_figure(
     baseline
         The same for what the networks must beat; None where it was not measured.
     """
-    figure, axes = new_figure((6.4, 3.8))
+    figure, axes = create_figure((6.4, 3.8))
     axis = axes[0, 0]
     milliseconds = 1000.0 * np.asarray(look_ahead)
     axis.plot(milliseconds, errors, "o-", color=CYCLE[0], ms=4, label="networks")
@@ -241,7 +241,7 @@ def training_figure(log: Sequence[Any], title: str) -> Figure:
         Of the figure.
     """
     parts = list(dict.fromkeys(entry.part for entry in log))
-    figure, axes = new_figure((7.0, 4.0))
+    figure, axes = create_figure((7.0, 4.0))
     axis = axes[0, 0]
     for i, part in enumerate(parts):
         own = [entry for entry in log if entry.part == part]

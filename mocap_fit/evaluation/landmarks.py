@@ -35,7 +35,7 @@ from mocap_fit.face import Rig, load_face
 from mocap_fit.face.rig import evaluate as evaluate_rig
 from mocap_fit.fitting import Layout, load_layout
 from mocap_fit.head import match_size, remove_head_motion
-from mocap_fit.tracks import FloatArray, MarkerTracks, similarity_transform
+from mocap_fit.tracks import FloatArray, MarkerTracks, estimate_similarity_transform
 
 MEASURES = ("lip opening", "mouth width", "chin height", "lip protrusion")
 #: The row of the fitted tracks themselves: what a model could reach through the fit.
@@ -233,7 +233,7 @@ class _Mouth:
             tracks = still[utterance.id]
             positions = tracks.positions[:, tracks.indices(names)]
             places = average(positions.transpose(1, 2, 0))
-            found[_place(utterance)] = similarity_transform(places, goals)[1]
+            found[_place(utterance)] = estimate_similarity_transform(places, goals)[1]
         return found
 
     def of_markers(self, tracks: MarkerTracks, rotation: FloatArray) -> FloatArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, with_path
+from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, add_path
 from mocap_fit.face.mesh import Mesh
 from mocap_fit.face.rig import RIGS, Rig
 from mocap_fit.face.rig_file import RigFile, add_location, read_rig_file
@@ -66,7 +66,7 @@ def load_face(face: str | Path = BUILT_IN, *, mesh: Mesh | None = None) -> Rig:
         rig: Rig = _get_rig_class(rig_file).from_file(rig_file, mesh)
     except ConfigurationError as error:
         # The rig file is where the user can correct it.
-        raise error if str(face) == BUILT_IN else with_path(error, name) from None
+        raise error if str(face) == BUILT_IN else add_path(error, name) from None
     return rig
 
 

@@ -16,7 +16,7 @@ from mocap_fit.face import Rig, to_parameters
 from mocap_fit.fitting.layout import Layout
 from mocap_fit.head.reference import compute_median_pose
 from mocap_fit.tracks import FloatArray, MarkerTracks
-from mocap_fit.tracks.rigid import compute_motion_jacobian, similarity_transform
+from mocap_fit.tracks.rigid import compute_motion_jacobian, estimate_similarity_transform
 
 # A face is between a fifth and five times the size of another one; beyond, the unit is wrong.
 _PLAUSIBLE_SCALE = (0.2, 5.0)
@@ -147,7 +147,7 @@ def align_points(
     objective
         See `fit_orientation`.
     """
-    scale, rotation, translation = similarity_transform(source, target)
+    scale, rotation, translation = estimate_similarity_transform(source, target)
     # About the centroid and in units of the size, the seven parameters are alike in effect.
     centre, middle = source.mean(axis=0), target.mean(axis=0)
     size = float(np.sqrt(np.mean(np.sum((target - middle) ** 2, axis=1))))

@@ -191,7 +191,7 @@ def fit_over_time(
     )
     tracks = fit.parameters.replace(
         values=values, standard_deviations=deviations, residuals=residuals
-    ).with_step(
+    ).add_step(
         "fit_over_time",
         {
             "objective": objective,

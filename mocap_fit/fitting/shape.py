@@ -190,7 +190,7 @@ def fit_shape(
         name=recording.name,
         events=recording.events,
         provenance=recording.provenance,
-    ).with_step(
+    ).add_step(
         "fit_shape",
         {
             "objective": objective,

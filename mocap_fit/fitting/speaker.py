@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from mocap_fit._version import __version__
-from mocap_fit.errors import ConfigurationError, DataError, with_path
+from mocap_fit.errors import ConfigurationError, DataError, add_path
 from mocap_fit.face import Rig, load_face, to_parameters
 from mocap_fit.fitting.binding import Binding, bind_markers
 from mocap_fit.fitting.layout import Layout, load_layout
@@ -162,7 +162,7 @@ class Speaker:
             "reference": self.reference.name,
             "scale": self.binding.orientation.scale,
         }
-        return still.with_step("bind_markers", arguments), motion
+        return still.add_step("bind_markers", arguments), motion
 
     def fit_shape(
         self,
@@ -319,15 +319,15 @@ def fit_speaker(
     try:
         to_parameters(markers.reference_parameters, rig.parameter_names)
     except DataError as error:
-        raise with_path(error, layout_path) from None
+        raise add_path(error, layout_path) from None
     try:
         _check_head_markers(markers, pose)
         orientation = fit_orientation(rig, markers, pose)
         binding = bind_markers(rig, markers, pose, orientation)
     except DataError as error:
-        raise with_path(error, reference_path) from None
+        raise add_path(error, reference_path) from None
     except ConfigurationError as error:
-        raise with_path(error, layout_path) from None
+        raise add_path(error, layout_path) from None
     return Speaker(markers, pose, binding, face_name)
 
 

@@ -24,7 +24,7 @@ from mocap_fit.head.reference import (
 )
 from mocap_fit.tracks import FloatArray, MarkerTracks, Origin, PoseTracks
 from mocap_fit.tracks.rigid import apply_inverse_transforms, apply_transforms
-from mocap_fit.tracks.robust import pose_information, robust_rigid_transforms
+from mocap_fit.tracks.robust import compute_pose_information, estimate_robust_transforms
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ class HeadMotion:
         where the pose is not known.
         """
         information = np.einsum(
-            "fp,pab->fab", self.weights, pose_information(self.reference, self.centre)
+            "fp,pab->fab", self.weights, compute_pose_information(self.reference, self.centre)
         )
         covariance = np.full(information.shape, np.nan)
         covariance[self.known] = np.linalg.inv(information[self.known])
@@ -168,7 +168,7 @@ def estimate_head_motion(
     base = check_weights(chosen, shape, weights, {*recording.names, *(names or ())})
     positions = recording.positions[:, recording.indices(chosen)]
     check_reference_markers(chosen, shape, positions)
-    fit = robust_rigid_transforms(shape, positions, base)
+    fit = estimate_robust_transforms(shape, positions, base)
     check_fit(chosen, shape, positions, fit)
     expected = np.einsum("fij,pj->fpi", fit.rotations, shape) + fit.translations[:, None, :]
     arguments: dict[str, object] = {"reference_markers": list(chosen)}
@@ -184,7 +184,7 @@ def estimate_head_motion(
         name=recording.name,
         events=recording.events,
         provenance=recording.provenance,
-    ).with_step("estimate_head_motion", arguments)
+    ).add_step("estimate_head_motion", arguments)
     return HeadMotion(
         pose,
         chosen,
@@ -230,7 +230,7 @@ def remove_head_motion(
     positions = apply_inverse_transforms(recording.positions, motion.rotations, motion.translations)
     tracks = _replace_positions(recording, positions, motion)
     step = motion.pose.provenance[-1]
-    return tracks.with_step("remove_head_motion", step.arguments), motion
+    return tracks.add_step("remove_head_motion", step.arguments), motion
 
 
 def match_size(
@@ -278,7 +278,7 @@ def match_size(
     total = np.where(seen, apart, 0.0).sum(axis=1)[frames]
     factor = float(np.median(total / np.where(seen, expected, 0.0).sum(axis=1)[frames]))
     matched = recording.replace(positions=recording.positions / factor)
-    return matched.with_step("match_size", {"factor": factor}), factor
+    return matched.add_step("match_size", {"factor": factor}), factor
 
 
 def restore_head_motion(tracks: MarkerTracks, motion: HeadMotion) -> MarkerTracks:
@@ -306,7 +306,7 @@ def restore_head_motion(tracks: MarkerTracks, motion: HeadMotion) -> MarkerTrack
             expected="{} frames, {:g} Hz, from {:g} s".format(*theirs),
         )
     positions = apply_transforms(tracks.positions, motion.rotations, motion.translations)
-    return _replace_positions(tracks, positions, motion).with_step(
+    return _replace_positions(tracks, positions, motion).add_step(
         "restore_head_motion", {"reference_markers": list(motion.reference_names)}
     )
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from mocap_fit.errors import DataError, MocapFitWarning
 from mocap_fit.tracks import FloatArray, MarkerTracks
 from mocap_fit.tracks.rigid import compute_spread, describe_degeneracy
-from mocap_fit.tracks.rigid_sets import find_reference_markers, mean_shape
+from mocap_fit.tracks.rigid_sets import compute_mean_shape, find_reference_markers
 from mocap_fit.tracks.robust import RigidFit, sample_evenly
 
 # Reference and recording must agree in size within this factor, or a unit is wrong.
@@ -179,7 +179,7 @@ def choose_reference(
     else:
         chosen = _choose_markers(recording) if names is None else tuple(names)
         known = tuple(name for name in chosen if name in recording.names)
-        shape = mean_shape(recording.select(known).positions) if known else np.zeros((0, 3))
+        shape = compute_mean_shape(recording.select(known).positions) if known else np.zeros((0, 3))
         pose = dict(zip(known, shape, strict=True))
     lacking = [
         name

@@ -15,7 +15,7 @@ from mocap_fit.errors import (
     DataError,
     FileFormatError,
     MocapFitWarning,
-    with_path,
+    add_path,
 )
 from mocap_fit.tracks import Event, FloatArray, MarkerTracks, PoseTracks
 
@@ -168,7 +168,7 @@ def markers(
             events=tuple(events),
         )
     except DataError as error:
-        raise with_path(error, path) from None
+        raise add_path(error, path) from None
     if not tracks.visible.any():
         raise _unseen(path, tracks.frames)
     return _with_read_step(tracks, path, reader, arguments)
@@ -244,7 +244,7 @@ class Stretches:
                 events=self._events,
             )
         except DataError as error:
-            raise with_path(error, self._path) from None
+            raise add_path(error, self._path) from None
         self._seen = self._seen or bool(tracks.visible.any())
         self._frames += tracks.frames
         return _with_read_step(tracks, self._path, self._reader, self._arguments)
@@ -304,7 +304,7 @@ def poses(
             events=tuple(events),
         )
     except DataError as error:
-        raise with_path(error, path) from None
+        raise add_path(error, path) from None
     if np.isnan(tracks.translations).all():
         raise FileFormatError(
             "no body is seen in any frame",
@@ -336,4 +336,4 @@ def _with_read_step(
 ) -> _AnyTracks:
     # The file's name without its folder: the same input gives the same bytes anywhere.
     step = {"reader": reader, "file": path.name, **(arguments or {})}
-    return dataclasses.replace(tracks).with_step("read", step)
+    return dataclasses.replace(tracks).add_step("read", step)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_fit.errors import FileFormatError, MocapFitError, with_path
+from mocap_fit.errors import FileFormatError, MocapFitError, add_path
 from mocap_fit.io import finalise
 from mocap_fit.io.text import checked_file, read_head
 from mocap_fit.io.timing import checked_rate
@@ -66,7 +66,7 @@ def read(
         if isinstance(error.found, Exception):
             # The words of the library underneath tell a user nothing.
             raise _damaged(path) from None
-        raise with_path(error, file) from None
+        raise add_path(error, file) from None
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise _damaged(path) from None
     if tracks.frames == 0:
@@ -84,7 +84,7 @@ def read(
         return tracks
     arguments = {key: list(v) if key == "names" else v for key, v in changes.items()}
     step = {"reader": NAME, "file": file.name, **arguments}
-    return tracks.replace(**changes).with_step("read", step)
+    return tracks.replace(**changes).add_step("read", step)
 
 
 def _damaged(path: str | os.PathLike[str]) -> FileFormatError:

@@ -52,7 +52,7 @@ def retime(
             dataclasses.replace(segment, start=float(start), end=float(end))
             for segment, start, end in zip(labels, starts, ends, strict=True)
         )
-        return labels.replace(segments=segments).with_step("retime", {"anchors": pairs.tolist()})
+        return labels.replace(segments=segments).add_step("retime", {"anchors": pairs.tolist()})
 
     def moved(time: float) -> float:
         return float(_moved(np.array([time]), pairs)[0])

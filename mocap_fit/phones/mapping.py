@@ -140,7 +140,7 @@ def normalise_phones(
             else segment
             for segment in phones
         ]
-    return sequence.replace(segments=tuple(phones), phone_set=known_set.name).with_step(
+    return sequence.replace(segments=tuple(phones), phone_set=known_set.name).add_step(
         "normalise_phones", {"phone_set": known_set.name, "table": dict(table)}
     )
 
@@ -215,7 +215,7 @@ def map_phones(
         "table": dict(table or {}),
         "nearest": nearest,
     }
-    return sequence.replace(segments=tuple(mapped), phone_set=target.name).with_step(
+    return sequence.replace(segments=tuple(mapped), phone_set=target.name).add_step(
         "map_phones", arguments
     )
 

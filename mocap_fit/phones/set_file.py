@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from mocap_fit.errors import ConfigurationError, with_path
+from mocap_fit.errors import ConfigurationError, add_path
 from mocap_fit.phones.phone import (
     ARTICULATORY_PARAMETERS,
     MANNERS,
@@ -205,4 +205,4 @@ def load_phone_set(name: str | Path) -> PhoneSet:
             compute=compute,
         )
     except ConfigurationError as error:
-        raise with_path(error, name) from None
+        raise add_path(error, name) from None

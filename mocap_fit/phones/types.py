@@ -207,7 +207,7 @@ class PhoneSequence:
         """
         return dataclasses.replace(self, **changes)
 
-    def with_step(self, step: str, arguments: Mapping[str, Any] | None = None) -> Self:
+    def add_step(self, step: str, arguments: Mapping[str, Any] | None = None) -> Self:
         """Return a copy whose provenance has one more step.
 
         Parameters

@@ -135,7 +135,7 @@ class Synchronisation:
             for e in tracks.events
         )
         moved = tracks.replace(start_time=self.start_time, rate=self.rate, events=events)
-        return moved.with_step("synchronise", self.to_dict())
+        return moved.add_step("synchronise", self.to_dict())
 
 
 def synchronise(

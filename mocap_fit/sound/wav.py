@@ -13,7 +13,7 @@ from typing import Literal, Self, get_args
 import numpy as np
 
 from mocap_fit.atomic_file import write_atomically
-from mocap_fit.errors import DataError, FileFormatError, from_os_error, with_path
+from mocap_fit.errors import DataError, FileFormatError, add_path, from_os_error
 from mocap_fit.tracks import FloatArray
 
 Encoding = Literal["PCM_16", "PCM_24", "PCM_32", "FLOAT", "DOUBLE"]
@@ -227,7 +227,7 @@ def read_sound(path: str | os.PathLike[str]) -> Sound:
     try:
         return Sound(samples, rate, name=file.stem, encoding=encoding)
     except DataError as error:
-        raise with_path(error, path) from None
+        raise add_path(error, path) from None
 
 
 def write_sound(

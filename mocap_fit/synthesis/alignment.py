@@ -194,7 +194,7 @@ class Aligner:
         sequence = PhoneSequence(tuple(segments), name=name)
         if self._set is not None:
             sequence = normalise_phones(sequence, self._set)
-        return sequence.with_step("align", {"text": " ".join(words)})
+        return sequence.add_step("align", {"text": " ".join(words)})
 
     def _segments(self, pcm: bytes, words: list[str], duration: float) -> list[PhoneSegment]:
         decoder = self._decoder

@@ -5,9 +5,9 @@ from mocap_fit.tracks.filtering import resample, smooth
 from mocap_fit.tracks.gaps import GapReport, MarkerGaps, count_gaps, fill_gaps
 from mocap_fit.tracks.rigid import (
     compute_spread,
-    rigid_transform,
-    rigid_transforms,
-    similarity_transform,
+    estimate_rigid_transform,
+    estimate_rigid_transforms,
+    estimate_similarity_transform,
 )
 from mocap_fit.tracks.storage import (
     from_frame,
@@ -32,14 +32,14 @@ __all__ = [
     "Tracks",
     "compute_spread",
     "count_gaps",
+    "estimate_rigid_transform",
+    "estimate_rigid_transforms",
+    "estimate_similarity_transform",
     "fill_gaps",
     "from_frame",
     "read_parquet",
     "read_provenance",
     "resample",
-    "rigid_transform",
-    "rigid_transforms",
-    "similarity_transform",
     "smooth",
     "to_frame",
     "write_parquet",

@@ -281,7 +281,7 @@ class Tracks:
         """
         return dataclasses.replace(self, **changes)
 
-    def with_step(self, step: str, arguments: Mapping[str, Any] | None = None) -> Self:
+    def add_step(self, step: str, arguments: Mapping[str, Any] | None = None) -> Self:
         """Return a copy whose provenance has one more step.
 
         Parameters
@@ -411,7 +411,7 @@ class Tracks:
                 else "a recording with frames",
             )
         changes = {a.attribute: getattr(self, a.attribute)[first:last] for a in self.arrays}
-        return self.replace(start_time=float(times[first]), **changes).with_step(
+        return self.replace(start_time=float(times[first]), **changes).add_step(
             "between", {"start": start, "end": end}
         )
 
@@ -437,7 +437,7 @@ class Tracks:
         changes = {
             a.attribute: getattr(self, a.attribute)[:, chosen] for a in self.arrays if a.has_names
         }
-        return self.replace(names=tuple(names), **changes).with_step(
+        return self.replace(names=tuple(names), **changes).add_step(
             "select", {"names": list(names)}
         )
 

@@ -59,7 +59,7 @@ def smooth(tracks: SomeTracks, cutoff_hz: float, order: int = 4) -> SomeTracks:
             found=order,
             expected=f"1 to {_HIGHEST_ORDER}",
         )
-    return _smooth_signals(tracks, cutoff_hz, order).with_step(
+    return _smooth_signals(tracks, cutoff_hz, order).add_step(
         "smooth", {"cutoff_hz": float(cutoff_hz), "order": int(order)}
     )
 
@@ -150,4 +150,4 @@ def resample(tracks: SomeTracks, rate: float) -> SomeTracks:
                 method = "spline"
             array = getattr(source, declared.attribute)
             changes[declared.attribute] = interpolate(array, frames, method)
-    return source.replace(**changes).with_step("resample", {"rate": float(rate)})
+    return source.replace(**changes).add_step("resample", {"rate": float(rate)})

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from mocap_fit.errors import DataError
 from mocap_fit.tracks.base import FloatArray
 from mocap_fit.tracks.interpolation import find_runs
-from mocap_fit.tracks.rigid import describe_degeneracy, rigid_transforms
-from mocap_fit.tracks.rigid_sets import mean_shape
+from mocap_fit.tracks.rigid import describe_degeneracy, estimate_rigid_transforms
+from mocap_fit.tracks.rigid_sets import compute_mean_shape
 from mocap_fit.tracks.types import MarkerTracks, Origin
 
 if TYPE_CHECKING:
@@ -176,7 +176,7 @@ def fill_gaps(
     # A tolerance: seconds times rate are seldom integers.
     limit = maximum_gap * tracks.rate * (1 + 1e-9)
     chosen = np.arange(len(tracks.names)) if rigid_set is None else _check_set(tracks, rigid_set)
-    shape = mean_shape(tracks.positions[:, chosen]) if rigid_set is not None else None
+    shape = compute_mean_shape(tracks.positions[:, chosen]) if rigid_set is not None else None
     for k, marker in enumerate(chosen):
         seen = tracks.visible[:, marker]
         gaps = [
@@ -200,7 +200,7 @@ def fill_gaps(
     arguments: dict[str, object] = {"method": method, "maximum_gap": length}
     if rigid_set is not None:
         arguments["rigid_set"] = list(rigid_set)
-    return tracks.replace(positions=positions, origin=origin).with_step("fill_gaps", arguments)
+    return tracks.replace(positions=positions, origin=origin).add_step("fill_gaps", arguments)
 
 
 def _check_arguments(method: Method, maximum_gap: float, rigid_set: Sequence[str] | None) -> None:
@@ -267,7 +267,7 @@ def _predict_from_others(
     result = positions.copy()
     needed = np.unique(np.concatenate([np.arange(gap.start - 1, gap.stop + 1) for gap in gaps]))
     rest = np.delete(shape, marker, axis=0)
-    rotations, translations, _ = rigid_transforms(rest, others[needed])
+    rotations, translations, _ = estimate_rigid_transforms(rest, others[needed])
     predicted = rotations @ shape[marker] + translations
     # The errors of the samples at the edges, in the coordinates of the body.
     errors = np.einsum("fji,fj->fi", rotations, positions[needed] - predicted)

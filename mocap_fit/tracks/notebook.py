@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mocap_fit.drawing import CYCLE, new_axes
+from mocap_fit.drawing import CYCLE, create_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -104,7 +104,7 @@ def plot_tracks(tracks: Tracks, names: Sequence[str] | None = None, ax: Axes | N
         middle[seen] = np.nanmedian(values[:, seen], axis=0)
         values = np.linalg.norm(values - middle, axis=2)
         label = "distance from the median position (mm)"
-    ax = new_axes((8.0, 3.5)) if ax is None else ax
+    ax = create_axes((8.0, 3.5)) if ax is None else ax
     for k, name in enumerate(names):
         color = CYCLE[k % len(CYCLE)]
         ax.plot(tracks.times, values[:, k], label=name, color=color, linewidth=1.0)

@@ -231,7 +231,7 @@ def _check_weights(weights: ArrayLike | None, shape: tuple[int, ...]) -> FloatAr
     return np.broadcast_to(weight, shape).copy()
 
 
-def rigid_transforms(
+def estimate_rigid_transforms(
     source: ArrayLike, target: ArrayLike, weights: ArrayLike | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Find the rotation and translation of every frame: ``target ≈ R source + t``.
@@ -312,7 +312,7 @@ def _check_determined(points: FloatArray, goals: FloatArray, weights: FloatArray
         )
 
 
-def rigid_transform(
+def estimate_rigid_transform(
     source: ArrayLike, target: ArrayLike, weights: ArrayLike | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Find the rotation and translation with the least squares: ``target ≈ R source + t``.
@@ -345,11 +345,11 @@ def rigid_transform(
         )
     weight = _check_weights(weights, goals.shape[:1])
     _check_determined(points, goals, weight)
-    rotations, translations, _ = rigid_transforms(points, goals[None], weight[None])
+    rotations, translations, _ = estimate_rigid_transforms(points, goals[None], weight[None])
     return rotations[0], translations[0]
 
 
-def similarity_transform(
+def estimate_similarity_transform(
     source: ArrayLike, target: ArrayLike, weights: ArrayLike | None = None
 ) -> tuple[float, FloatArray, FloatArray]:
     """Find scale, rotation and translation: ``target ≈ s R source + t`` (Umeyama 1991).
@@ -378,7 +378,7 @@ def similarity_transform(
         If shapes differ, fewer than three points are usable, or they lie on a line.
     """
     points, goals = _check_points(source, target)
-    rotation, _ = rigid_transform(points, goals, weights)
+    rotation, _ = estimate_rigid_transform(points, goals, weights)
     weight = _check_weights(weights, goals.shape[:1])
     usable = (weight > 0) & ~_is_missing(points) & ~_is_missing(goals)
     weight = weight[usable] / weight[usable].sum()

@@ -12,8 +12,8 @@ from mocap_fit.tracks.base import FloatArray
 from mocap_fit.tracks.rigid import (
     apply_inverse_transforms,
     compute_spread,
+    estimate_rigid_transforms,
     is_collinear,
-    rigid_transforms,
 )
 from mocap_fit.tracks.types import MarkerTracks
 
@@ -27,7 +27,7 @@ _TRIPLES = 50
 _AS_RIGID = 1.5
 
 
-def median_points(points: FloatArray) -> FloatArray:
+def compute_median(points: FloatArray) -> FloatArray:
     """Return the median over the first axis, without missing values.
 
     Parameters
@@ -50,14 +50,14 @@ def median_points(points: FloatArray) -> FloatArray:
 def _refine_shape(shape: FloatArray, frames: FloatArray, rounds: int) -> FloatArray:
     """Return the median of the frames, each laid on the shape so far."""
     for _ in range(rounds):
-        rotations, translations, residuals = rigid_transforms(shape, frames)
+        rotations, translations, residuals = estimate_rigid_transforms(shape, frames)
         if np.isnan(residuals).all():
             break
-        shape = median_points(apply_inverse_transforms(frames, rotations, translations))
+        shape = compute_median(apply_inverse_transforms(frames, rotations, translations))
     return shape
 
 
-def mean_shape(positions: ArrayLike, *, rounds: int = 5) -> FloatArray:
+def compute_mean_shape(positions: ArrayLike, *, rounds: int = 5) -> FloatArray:
     """Return the shape of a rigid set: the median of the frames that show all of it.
 
     Parameters
@@ -87,13 +87,13 @@ def mean_shape(positions: ArrayLike, *, rounds: int = 5) -> FloatArray:
         )
     complete = complete[:: max(1, len(complete) // _SAMPLE)]
     shape = _refine_shape(complete[0], complete, rounds)
-    rotations, translations, residuals = rigid_transforms(shape, complete[:1])
+    rotations, translations, residuals = estimate_rigid_transforms(shape, complete[:1])
     if np.isnan(residuals[0]):
         return shape
     return np.asarray(shape @ rotations[0].T + translations[0])
 
 
-def typical_shape(positions: FloatArray, *, rounds: int = 4) -> FloatArray:
+def compute_typical_shape(positions: FloatArray, *, rounds: int = 4) -> FloatArray:
     """Return the median shape of markers of which some may be missing in every frame.
 
     Parameters

@@ -20,7 +20,7 @@ from mocap_fit.tracks.base import FloatArray
 from mocap_fit.tracks.rigid import (
     apply_inverse_transforms,
     compute_motion_jacobian,
-    rigid_transforms,
+    estimate_rigid_transforms,
 )
 
 # Probability that a clean frame loses a point by mistake.
@@ -72,7 +72,7 @@ class RigidFit:
     noise: float
 
 
-def pose_information(source: FloatArray, centre: FloatArray) -> FloatArray:
+def compute_pose_information(source: FloatArray, centre: FloatArray) -> FloatArray:
     """Return the information that each point gives on a small rigid motion.
 
     With the Jacobian ``J`` of `compute_motion_jacobian`, the matrices are ``Jᵀ J``; their sum over the
@@ -101,7 +101,8 @@ class _Pattern:
     def __init__(self, source: FloatArray, weights: FloatArray) -> None:
         self.root = np.sqrt(weights)
         centre = weights @ source / weights.sum()
-        design = (self.root[:, None, None] * compute_motion_jacobian(source, centre)).reshape(-1, 6)
+        jacobian = compute_motion_jacobian(source, centre)
+        design = (self.root[:, None, None] * jacobian).reshape(-1, 6)
         # Residuals of least squares are this projection of the noise.
         base = np.linalg.svd(design, full_matrices=False)[0]
         self.projection = np.eye(len(design)) - base @ base.T
@@ -139,7 +140,7 @@ def _sum_squares(
 ) -> FloatArray:
     """Return the weighted sum of squares of fits to some of the points; infinite without a fit."""
     weight = weights[chosen]
-    _, _, residuals = rigid_transforms(source[chosen], target[:, chosen], weight)
+    _, _, residuals = estimate_rigid_transforms(source[chosen], target[:, chosen], weight)
     squares = residuals**2 * weight.sum()
     return np.where(np.isnan(squares), np.inf, squares)
 
@@ -158,7 +159,7 @@ def _estimate_pattern_noise(
     ninth decile data whose errors come in stretches; it counts up to twice the noise of the
     median, because two markers that exchange their names may be in it too.
     """
-    rotations, translations, residuals = rigid_transforms(source, target, weights)
+    rotations, translations, residuals = estimate_rigid_transforms(source, target, weights)
     usable = np.flatnonzero(~np.isnan(residuals))
     if not usable.size:
         return np.nan, 0.0
@@ -293,7 +294,7 @@ def _measure_noise(residuals: FloatArray, weights: FloatArray) -> float:
     return float(np.sqrt(np.median(squares / middle)))
 
 
-def robust_rigid_transforms(
+def estimate_robust_transforms(
     source: ArrayLike,
     target: ArrayLike,
     weights: ArrayLike | None = None,
@@ -337,7 +338,7 @@ def robust_rigid_transforms(
             "the weights have the wrong shape", found=base.shape, expected=points.shape[:1]
         )
     # This call also checks shapes and weights.
-    rotations, translations, residuals = rigid_transforms(points, goals, base)
+    rotations, translations, residuals = estimate_rigid_transforms(points, goals, base)
     seen = ~(np.isnan(points).any(axis=1) | np.isnan(goals).any(axis=2)) & (base > 0)
     bad = np.zeros(seen.shape, dtype=bool)
     known = seen.sum(axis=1) >= 4
@@ -365,7 +366,7 @@ def robust_rigid_transforms(
     weight = np.where(seen & ~bad, base, 0.0)
     again = np.flatnonzero(bad.any(axis=1))
     if len(again):
-        rotations[again], translations[again], residuals[again] = rigid_transforms(
+        rotations[again], translations[again], residuals[again] = estimate_rigid_transforms(
             points, goals[again], weight[again]
         )
     noise = _measure_noise(residuals, weight)

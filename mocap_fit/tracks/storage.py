@@ -82,7 +82,7 @@ def _to_columns(tracks: Tracks) -> dict[str, np.ndarray[Any, Any]]:
             advice="Rename that track.",
         )
     arrays = {
-        array.attribute: getattr(tracks, array.attribute).reshape(_flat_shape(array, tracks))
+        array.attribute: getattr(tracks, array.attribute).reshape(_get_flat_shape(array, tracks))
         for array in tracks.arrays
     }
     return {"time": tracks.times} | {
@@ -90,7 +90,7 @@ def _to_columns(tracks: Tracks) -> dict[str, np.ndarray[Any, Any]]:
     }
 
 
-def _flat_shape(array: TrackArray, tracks: Tracks) -> tuple[int, ...]:
+def _get_flat_shape(array: TrackArray, tracks: Tracks) -> tuple[int, ...]:
     if not array.has_names:
         return (tracks.frames,)
     return (tracks.frames, len(tracks.names), len(array.columns))

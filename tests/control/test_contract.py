@@ -49,8 +49,8 @@ def saved(model: control.ControlModel, folder, file="model.npz") -> bytes:
 
 def test_the_models_of_the_papers_and_of_a_lab_are_registered():
     assert set(OWN) <= set(control.names())
-    assert control.CONTROL_MODELS.source("lab-levels") == "lab-levels"
-    assert control.CONTROL_MODELS.source("rule-based") == "mocap-fit"
+    assert control.CONTROL_MODELS.get_distribution("lab-levels") == "lab-levels"
+    assert control.CONTROL_MODELS.get_distribution("rule-based") == "mocap-fit"
     with pytest.raises(RegistryError, match="rule-based"):
         control.create("hidden-markov")
 

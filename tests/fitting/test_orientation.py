@@ -10,7 +10,7 @@ from mocap_fit.errors import DataError
 from mocap_fit.face import Rig
 from mocap_fit.fitting import Layout, Orientation, fit_orientation
 from mocap_fit.fitting.orientation import align_points
-from mocap_fit.tracks import similarity_transform
+from mocap_fit.tracks import estimate_similarity_transform
 
 POINTS = np.array(
     [[25, 0, 88], [-25, 0, 88], [0, 28, 119], [0, -30, 99], [34, 89, 89], [-34, 89, 89]], float
@@ -43,7 +43,7 @@ def test_squares_are_procrustes(seed: int) -> None:
     rng = np.random.default_rng(seed)
     source = 1.1 * POINTS + rng.normal(0, 4.0, POINTS.shape)
     found = align_points(source, POINTS, objective="squares")
-    scale, rotation, translation = similarity_transform(source, POINTS)
+    scale, rotation, translation = estimate_similarity_transform(source, POINTS)
     assert found.scale == pytest.approx(scale, rel=1e-6)
     np.testing.assert_allclose(found.rotation, rotation, atol=1e-6)
     np.testing.assert_allclose(found.translation, translation, atol=1e-3)
@@ -57,7 +57,7 @@ def test_distances_are_least(seed: int) -> None:
     source = POINTS + rng.normal(0, 3.0, POINTS.shape)
     found = align_points(source, POINTS)
     least = distances(found, source, POINTS).sum()
-    closed = Orientation(*similarity_transform(source, POINTS))
+    closed = Orientation(*estimate_similarity_transform(source, POINTS))
     assert least <= distances(closed, source, POINTS).sum() + 1e-9
     for _ in range(50):
         near = Orientation(

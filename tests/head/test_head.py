@@ -17,7 +17,7 @@ from mocap_fit.head import (
 )
 from mocap_fit.io import read_poses, read_tracks
 from mocap_fit.tracks import Event, MarkerTracks, Origin
-from mocap_fit.tracks.rigid import rigid_transforms
+from mocap_fit.tracks.rigid import estimate_rigid_transforms
 
 # A marker on each temple and hinge of a pair of spectacles, and one above the bridge.
 SPECTACLES = {
@@ -240,7 +240,7 @@ def test_weights_follow_the_noise_of_each_marker(rng):
     positions = recording.positions + 0.1 * scale * rng.normal(size=recording.positions.shape)
     recording = recording.replace(positions=positions)
     weighted = estimate_head_motion(recording, reference, HEAD, {"bridge": 1 / 64})
-    plain = rigid_transforms(SHAPE, positions[:, :5])[0]
+    plain = estimate_rigid_transforms(SHAPE, positions[:, :5])[0]
     plain_angle = (turns.inv() * Rotation.from_matrix(plain)).magnitude()
     _, angle = pose_errors(weighted, turns, shifts)
     assert angle < 0.7 * np.degrees(np.sqrt(np.mean(plain_angle**2)))

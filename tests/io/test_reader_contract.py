@@ -257,7 +257,7 @@ def test_a_plug_in_that_fails_is_named(recordings: Path, monkeypatch: pytest.Mon
     foreign = type("Foreign", (), {"description": "its own", "extensions": (".own",)})()
     foreign.read = read
     monkeypatch.setattr(READERS, "get", {"own": foreign}.__getitem__)
-    monkeypatch.setattr(READERS, "source", lambda name: "lab-tools")
+    monkeypatch.setattr(READERS, "get_distribution", lambda name: "lab-tools")
     with pytest.raises(RegistryError, match=r"'own' of lab-tools failed .*IndexError: no such"):
         io.read(recordings / "commas.csv", reader="own")
 
@@ -282,6 +282,6 @@ def test_a_broken_plug_in_is_named(recordings: Path, monkeypatch: pytest.MonkeyP
         raise ZeroDivisionError("oh")
 
     monkeypatch.setattr(READERS.get("c3d"), "sniff", sniff)
-    monkeypatch.setattr(READERS, "source", lambda name: "lab-tools")
+    monkeypatch.setattr(READERS, "get_distribution", lambda name: "lab-tools")
     with pytest.raises(RegistryError, match=r"'c3d' of lab-tools failed.*ZeroDivisionError"):
         io.find_reader(recordings / "points.c3d")

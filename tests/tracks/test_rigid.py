@@ -5,7 +5,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from mocap_fit.errors import DataError
-from mocap_fit.tracks import compute_spread, rigid_transform, rigid_transforms, similarity_transform
+from mocap_fit.tracks import (
+    compute_spread,
+    estimate_rigid_transform,
+    estimate_rigid_transforms,
+    estimate_similarity_transform,
+)
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -18,10 +23,12 @@ def test_exact_transforms_are_recovered_also_of_flat_sets(seed, count, flat):
     if compute_spread(source)[1] < 5:
         return
     turn, shift = Rotation.random(rng=rng).as_matrix(), rng.normal(size=3) * 300
-    rotation, translation = rigid_transform(source, source @ turn.T + shift)
+    rotation, translation = estimate_rigid_transform(source, source @ turn.T + shift)
     np.testing.assert_allclose(rotation, turn, atol=1e-10)
     np.testing.assert_allclose(translation, shift, atol=1e-8)
-    scale, rotation, translation = similarity_transform(source, 0.7 * source @ turn.T + shift)
+    scale, rotation, translation = estimate_similarity_transform(
+        source, 0.7 * source @ turn.T + shift
+    )
     assert scale == pytest.approx(0.7, rel=1e-10)
     np.testing.assert_allclose(rotation, turn, atol=1e-10)
     np.testing.assert_allclose(translation, shift, atol=1e-8)
@@ -29,7 +36,7 @@ def test_exact_transforms_are_recovered_also_of_flat_sets(seed, count, flat):
 
 def test_a_mirrored_set_gives_the_best_rotation_and_no_reflection(rng):
     source = rng.normal(size=(6, 3))
-    rotation, _ = rigid_transform(source, source * [-1, 1, 1])
+    rotation, _ = estimate_rigid_transform(source, source * [-1, 1, 1])
     assert np.linalg.det(rotation) == pytest.approx(1.0)
 
     def cost(turn):
@@ -47,7 +54,7 @@ def test_the_answer_is_least_squares(seed):
     rng = np.random.default_rng(seed)
     source, target = rng.normal(size=(5, 3)), rng.normal(size=(5, 3))
     weights = rng.integers(1, 4, size=5)
-    rotation, translation = rigid_transform(source, target, weights)
+    rotation, translation = estimate_rigid_transform(source, target, weights)
 
     def cost(turn, shift):
         return np.sum(weights[:, None] * (source @ turn.T + shift - target) ** 2)
@@ -57,7 +64,7 @@ def test_the_answer_is_least_squares(seed):
         turned = Rotation.from_rotvec(step[:3]).as_matrix() @ rotation
         assert cost(turned, translation + step[3:]) >= least
     repeated = np.repeat(np.arange(5), weights)
-    again = rigid_transform(source[repeated], target[repeated])
+    again = estimate_rigid_transform(source[repeated], target[repeated])
     np.testing.assert_allclose(again[0], rotation, atol=1e-9)
     np.testing.assert_allclose(again[1], translation, atol=1e-9)
 
@@ -71,7 +78,7 @@ def test_missing_points_are_left_out_frame_by_frame(rng):
     target[2, :2] = np.nan
     target[3, :3] = np.nan
     target[4] = np.nan
-    rotations, translations, residuals = rigid_transforms(source, target)
+    rotations, translations, residuals = estimate_rigid_transforms(source, target)
     known = [0, 1, 2, 5]
     np.testing.assert_allclose(rotations[known], turns[known], atol=1e-10)
     np.testing.assert_allclose(translations[known], shifts[known], atol=1e-9)
@@ -80,7 +87,7 @@ def test_missing_points_are_left_out_frame_by_frame(rng):
     assert np.isnan(translations[[3, 4]]).all()
     # A missing point of the source is missing in every frame.
     source[4] = np.nan
-    residuals = rigid_transforms(source, target)[2]
+    residuals = estimate_rigid_transforms(source, target)[2]
     assert np.isnan(residuals).tolist() == [False, False, True, True, True, False]
 
 
@@ -88,14 +95,14 @@ def test_frames_whose_visible_points_lie_on_a_line_have_no_pose():
     source = np.array([[0.0, 0, 0], [10, 0, 0], [20, 0, 0], [0, 30, 0]])
     target = np.stack([source, source])
     target[1, 3] = np.nan
-    residuals = rigid_transforms(source, target)[2]
+    residuals = estimate_rigid_transforms(source, target)[2]
     assert np.isnan(residuals).tolist() == [False, True]
 
 
 def test_the_residual_is_the_root_mean_square_distance(rng):
     source = rng.normal(size=(6, 3)) * 50
     target = source + rng.normal(size=(6, 3))
-    rotations, translations, residuals = rigid_transforms(source, target[None])
+    rotations, translations, residuals = estimate_rigid_transforms(source, target[None])
     distances = np.linalg.norm(source @ rotations[0].T + translations[0] - target, axis=1)
     assert residuals[0] == pytest.approx(np.sqrt(np.mean(distances**2)))
 
@@ -111,23 +118,23 @@ def test_the_residual_is_the_root_mean_square_distance(rng):
 )
 def test_sets_that_tell_no_rotation_are_refused_with_the_reason(points, words):
     with pytest.raises(DataError, match=words):
-        rigid_transform(points, points)
+        estimate_rigid_transform(points, points)
     with pytest.raises(DataError, match=words):
-        similarity_transform(points, points)
+        estimate_similarity_transform(points, points)
 
 
 def test_wrong_shapes_and_weights_are_refused():
     points = np.eye(3)
     with pytest.raises(DataError, match="match"):
-        rigid_transform(points, np.zeros((4, 3)))
+        estimate_rigid_transform(points, np.zeros((4, 3)))
     with pytest.raises(DataError, match="shape"):
-        rigid_transform(np.zeros((3, 2)), np.zeros((3, 2)))
+        estimate_rigid_transform(np.zeros((3, 2)), np.zeros((3, 2)))
     with pytest.raises(DataError, match="negative"):
-        rigid_transform(points, points, [1, 1, -1])
+        estimate_rigid_transform(points, points, [1, 1, -1])
     with pytest.raises(DataError, match="weights"):
-        rigid_transform(points, points, [1, 1])
+        estimate_rigid_transform(points, points, [1, 1])
     with pytest.raises(DataError, match="only 2"):
-        rigid_transform(points, points, [1, 1, 0])
+        estimate_rigid_transform(points, points, [1, 1, 0])
 
 
 def test_spread_is_the_standard_deviation_along_the_principal_directions(rng):

@@ -3,8 +3,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mocap_fit.errors import DataError
-from mocap_fit.tracks.rigid import rigid_transforms
-from mocap_fit.tracks.robust import robust_rigid_transforms
+from mocap_fit.tracks.rigid import estimate_rigid_transforms
+from mocap_fit.tracks.robust import estimate_robust_transforms
 
 # Spectacles with a marker on each temple, hinge and on the bridge.
 SHAPE = np.array(
@@ -33,8 +33,8 @@ def errors(fit, turns, shifts, shape=SHAPE):
 def test_on_clean_data_the_answer_is_plain_least_squares(rng, noise):
     _, _, target = moving(rng, noise=noise)
     target[rng.random(target.shape[:2]) < 0.05] = np.nan
-    fit = robust_rigid_transforms(SHAPE, target)
-    rotations, translations, _ = rigid_transforms(SHAPE, target)
+    fit = estimate_robust_transforms(SHAPE, target)
+    rotations, translations, _ = estimate_rigid_transforms(SHAPE, target)
     assert fit.rejected.any(axis=1).sum() <= 2
     same = ~fit.rejected.any(axis=1)
     np.testing.assert_array_equal(fit.rotations[same], rotations[same])
@@ -47,21 +47,21 @@ def test_a_marker_that_slipped_for_good_is_left_out_everywhere(rng, bad):
     turns, _, target = moving(rng)
     direction = rng.normal(size=3)
     target[:, bad] += 10 * turns.apply(direction / np.linalg.norm(direction))
-    fit = robust_rigid_transforms(SHAPE, target)
+    fit = estimate_robust_transforms(SHAPE, target)
     assert fit.rejected[:, bad].mean() > 0.999
     assert np.delete(fit.rejected, bad, axis=1).sum() <= 2
     others = np.delete(np.arange(5), bad)
-    best = rigid_transforms(SHAPE[others], target[:, others])
+    best = estimate_rigid_transforms(SHAPE[others], target[:, others])
     np.testing.assert_allclose(fit.rotations, best[0], atol=1e-6)
     assert fit.noise == pytest.approx(0.1, rel=0.05)
 
 
 def test_a_marker_that_is_bad_for_a_while_is_left_out_then(rng):
     turns, shifts, target = moving(rng)
-    plain = errors(robust_rigid_transforms(SHAPE, target), turns, shifts)
+    plain = errors(estimate_robust_transforms(SHAPE, target), turns, shifts)
     target[400:700, 3] += [4, 7, -6]
     target[rng.random(target.shape[:2]) < 0.05] = np.nan
-    fit = robust_rigid_transforms(SHAPE, target)
+    fit = estimate_robust_transforms(SHAPE, target)
     wrong = np.zeros(fit.rejected.shape, dtype=bool)
     wrong[400:700, 3] = ~np.isnan(target[400:700, 3, 0])
     assert (fit.rejected != wrong).sum() <= 3
@@ -73,7 +73,7 @@ def test_a_marker_that_is_bad_for_a_while_is_left_out_then(rng):
 def test_two_markers_that_exchanged_their_names_are_left_out(rng):
     turns, shifts, target = moving(rng)
     target[200:400, [1, 4]] = target[200:400, [4, 1]]
-    fit = robust_rigid_transforms(SHAPE, target)
+    fit = estimate_robust_transforms(SHAPE, target)
     assert fit.rejected[200:400][:, [1, 4]].all()
     assert fit.rejected.sum() <= 402
     assert errors(fit, turns, shifts)[1] < 0.15
@@ -82,7 +82,7 @@ def test_two_markers_that_exchanged_their_names_are_left_out(rng):
 def test_single_wild_frames_are_found_in_a_short_recording(rng):
     _, _, target = moving(rng, frames=5)
     target[2, 0] += [0, 0, 10]
-    fit = robust_rigid_transforms(SHAPE, target)
+    fit = estimate_robust_transforms(SHAPE, target)
     assert np.argwhere(fit.rejected).tolist() == [[2, 0]]
 
 
@@ -90,7 +90,7 @@ def test_four_markers_suffice_to_leave_one_out(rng):
     shape = np.array([[-70.0, 0, -60], [70, 0, -60], [-60, 25, 5], [60, 55, 5]])
     turns, _, target = moving(rng, shape=shape)
     target[100:300, 1] += 10 * turns.apply([0.6, 0.0, 0.8])[100:300]
-    fit = robust_rigid_transforms(shape, target)
+    fit = estimate_robust_transforms(shape, target)
     assert fit.rejected[100:300, 1].mean() > 0.99
     assert fit.rejected.sum() <= 203
 
@@ -99,14 +99,14 @@ def test_weights_are_reciprocal_variances(rng):
     scales = np.array([1.0, 1, 1, 1, 5])
     turns, shifts, target = moving(rng, noise=0.0)
     target = target + 0.1 * scales[:, None] * rng.normal(size=target.shape)
-    weighted = robust_rigid_transforms(SHAPE, target, 1 / scales**2)
+    weighted = estimate_robust_transforms(SHAPE, target, 1 / scales**2)
     assert weighted.rejected.any(axis=1).sum() <= 2
     assert weighted.noise == pytest.approx(0.1, rel=0.05)
-    plain = rigid_transforms(SHAPE, target)[0]
+    plain = estimate_rigid_transforms(SHAPE, target)[0]
     angles = (turns.inv() * Rotation.from_matrix(plain)).magnitude()
     assert errors(weighted, turns, shifts)[1] < 0.9 * np.degrees(np.sqrt(np.mean(angles**2)))
 
 
 def test_weights_of_the_wrong_number_are_refused():
     with pytest.raises(DataError, match="weights"):
-        robust_rigid_transforms(SHAPE, SHAPE[None], [1, 1])
+        estimate_robust_transforms(SHAPE, SHAPE[None], [1, 1])

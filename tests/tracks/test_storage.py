@@ -60,7 +60,7 @@ def marker_tracks(draw):
         events=(Event("clap", 0.1 + 0.2),),
     )
     codes = draw(arrays(np.uint8, tracks.origin.shape, elements=st.integers(1, 3)))
-    return tracks.replace(origin=np.where(tracks.visible, codes, 0)).with_step("made", {"n": 1.5})
+    return tracks.replace(origin=np.where(tracks.visible, codes, 0)).add_step("made", {"n": 1.5})
 
 
 @st.composite
@@ -190,12 +190,12 @@ def test_columns_that_would_share_a_name_are_refused(tmp_path):
     with pytest.raises(DataError, match="length"):
         write_parquet(parameters(), path, {"more": np.zeros(4)})
     with pytest.raises(DataError, match="cannot be stored"):
-        write_parquet(parameters().with_step("odd", {"thing": object()}), path)
+        write_parquet(parameters().add_step("odd", {"thing": object()}), path)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_numpy_values_in_a_provenance_are_stored(tmp_path):
-    tracks = parameters().with_step("a", {"x": np.float64(1.5), "y": np.arange(2), "z": (1, 2)})
+    tracks = parameters().add_step("a", {"x": np.float64(1.5), "y": np.arange(2), "z": (1, 2)})
     write_parquet(tracks, tmp_path / "x.parquet")
     step = read_parquet(tmp_path / "x.parquet").provenance[-1]
     assert dict(step.arguments) == {"x": 1.5, "y": [0, 1], "z": [1, 2]}

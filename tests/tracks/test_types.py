@@ -91,5 +91,5 @@ def test_pose_tracks_must_agree_in_frames():
 def test_a_step_survives_its_dictionary():
     step = Step("smooth", {"cutoff_hz": 8.0})
     assert Step.from_dict(step.to_dict()) == step
-    tracks = recording(events=(Event("clap", 0.5),)).with_step("one").with_step("two", {"n": 2})
+    tracks = recording(events=(Event("clap", 0.5),)).add_step("one").add_step("two", {"n": 2})
     assert [step.name for step in tracks.provenance] == ["one", "two"]
