@@ -194,7 +194,7 @@ def _check_size(vertices: FloatArray, scale: float, path: Path) -> None:
     if _SMALLEST <= extent <= _LARGEST:
         return
     if extent == 0:
-        raise DataError("all vertices of the mesh are at one place", path=path)
+        raise DataError("all vertices of the mesh have one position", path=path)
     power = 10.0 ** np.round(np.log10(_USUAL / extent))
     raise DataError(
         "the mesh does not have the size of a head",

@@ -34,6 +34,8 @@ def load_face(face: str | Path = BUILT_IN, *, mesh: Mesh | None = None) -> Rig:
         If the rig file cannot be read; a `MissingFileError` where there is none.
     ConfigurationError
         If the rig file or the mesh is wrong, or they do not fit each other.
+    RegistryError
+        If the rig is a plug-in that cannot be loaded or fails.
 
     See Also
     --------
@@ -63,7 +65,9 @@ def load_face(face: str | Path = BUILT_IN, *, mesh: Mesh | None = None) -> Rig:
         mesh = rig_file.label_mesh(
             _load_mesh(rig_file, Path(name).parent) if mesh is None else mesh
         )
-        rig: Rig = _get_rig_class(rig_file).from_file(rig_file, mesh)
+        rig_class = _get_rig_class(rig_file)
+        with RIGS.guard(rig_file.kind, name):
+            rig: Rig = rig_class.from_file(rig_file, mesh)
     except ConfigurationError as error:
         # The rig file is where the user can correct it.
         raise error if str(face) == BUILT_IN else add_path(error, name) from None

@@ -33,7 +33,7 @@ class Kind(IntEnum):
     TRANSLATION = 0  # x + y w v
     ROTATION = 1  # c + R(y w v) (x - c), v a rotation vector in radians
     SCALING = 2  # c + (1 + y w v) (x - c), coordinate by coordinate
-    FIELD = 3  # x + y f, f the vertex's own displacement
+    FIELD = 3  # x + y f, f the displacement of the vertex
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -291,7 +291,7 @@ def evaluate_jacobian(
     Notes
     -----
     Derivatives are carried forward through the operations: each moves those that came before as
-    it moves the vertex, and adds its own.
+    it moves the vertex, and adds its derivative.
     """
     vertices = compiled.rest.copy()
     jacobian = np.zeros((compiled.parameter_count, *vertices.shape))

@@ -33,8 +33,8 @@ file of the mesh holds several objects, say which is which: ``[parts]`` with ``s
 ``upper_lip_skin``, ``lower_lip_skin``, ``mouth_bag_upper``, ``mouth_bag_lower``) make the shares
 of the skin more exact, and with 9.15, the base of the nose, movements up and down are measured by
 the height of the lower face; all are read where the mesh has them. What a file itself has under
-``[parameters]``, ``[weights.NAME]``, ``[points]`` or ``[follow]`` takes the place of the shipped
-entry of that name; ``[[transforms]]`` takes the place of all shipped ones, and then
+``[parameters]``, ``[weights.NAME]``, ``[points]`` or ``[follow]`` replaces the shipped
+entry of that name; ``[[transforms]]`` replaces all shipped ones, and then
 ``[parameters]`` does too.
 """
 
@@ -153,7 +153,7 @@ class RigFile(StrictModel):
     def _check_references(self) -> RigFile:
         for name, (lower, upper) in self.parameters.items():
             if not lower <= 0 < upper:
-                raise ValueError(f"parameters.{name}: bounds must hold 0 and leave room above it")
+                raise ValueError(f"parameters.{name}: bounds must hold 0, the upper one above it")
         # With `extends`, what it names may be in the other file; the two are checked together.
         if self.extends is None:
             self._check_weights()

@@ -407,7 +407,7 @@ BAD = {
     "in metres": ("a.obj", lambda p: write_obj(p, V / 1000, T), DataError, "scale=1000"),
     "in centimetres": ("a.obj", lambda p: write_obj(p, V / 10, T), DataError, "scale=10"),
     "huge": ("a.obj", lambda p: write_obj(p, V * 10, T), DataError, "scale=0.1"),
-    "all at one place": ("a.obj", lambda p: write_obj(p, V * 0, T), DataError, "one place"),
+    "all at one place": ("a.obj", lambda p: write_obj(p, V * 0, T), DataError, "one position"),
     "a line": (
         "a.obj",
         lambda p: write_obj(p, [[0, 0, 0], [0, 100, 0], [0, 200, 0]], [[0, 1, 2]]),

@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+import re
 import subprocess
 import sys
 import time
@@ -346,18 +347,25 @@ def test_a_rig_of_another_distribution_is_named_by_the_rig_file(tmp_path: Path) 
         "[parts]\nskin = 'Mask'\n[settings]\nreach = 3.5\n",
         encoding="utf-8",
     )
+    without_reach = tmp_path / "bad.toml"
+    without_reach.write_text(rig_file.read_text().replace("reach", "rich"), encoding="utf-8")
     program = (
         "import sys; from mocap_fit.face import load_face; rig = load_face(sys.argv[1])\n"
-        "print(type(rig).__name__, (rig.deform([1.0]) - rig.mesh.vertices)[7].tolist())"
+        "print(type(rig).__name__, (rig.deform([1.0]) - rig.mesh.vertices)[7].tolist())\n"
+        "try: load_face(sys.argv[2])\n"
+        "except Exception as error: print(type(error).__name__, error)"
     )
     answer = subprocess.run(
-        [sys.executable, "-c", program, str(rig_file)],
-        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        [sys.executable, "-c", program, str(rig_file), str(without_reach)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
         capture_output=True,
         text=True,
         check=True,
     )
-    assert answer.stdout.strip() == "ToyRig [0.0, -3.5, 0.0]"
+    good, bad = answer.stdout.splitlines()
+    assert good == "ToyRig [0.0, -3.5, 0.0]"
+    # The plug-in's mistake is named with its distribution.
+    assert re.match(r"RegistryError .*bad\.toml: the rig 'toy' of toy-rig failed .*KeyError", bad)
 
 
 def test_loading_a_foreign_mesh_is_quick() -> None:

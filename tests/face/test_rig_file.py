@@ -180,7 +180,7 @@ WRONG_PLANES = {
     ),
     "bounds without 0": ("[-1, 2]", "[0.5, 2]", "parameters.open", "hold 0"),
     "bounds upside down": ("[-1, 2]", "[2, -1]", "parameters.open", "hold 0"),
-    "bounds without room": ("[-1, 2]", "[-1, 0]", "parameters.open", "room above"),
+    "bounds without room": ("[-1, 2]", "[-1, 0]", "parameters.open", "upper one above"),
     "one bound": ("[-1, 2]", "[2]", "parameters.open.1", "missing"),
     "bound infinite": ("[-1, 2]", "[-1, inf]", "parameters.open.1", "finite"),
     "bound as text": ("[-1, 2]", '[-1, "2"]', "parameters.open.1", "number"),

@@ -1,4 +1,4 @@
-"""A mesh kept between runs in the user's cache folder."""
+"""A mesh saved between runs in the user's cache folder."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def save_mesh(mesh: Mesh, path: Path) -> bool:
     mesh
         The mesh.
     path
-        The file; its folder is made.
+        The file; its folder is created.
 
     Returns
     -------

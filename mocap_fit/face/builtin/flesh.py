@@ -32,7 +32,7 @@ _RADIAL = [
 ]
 # The same, forwards.
 _FORWARD = [
-    (3.2, (0, 6), (20, 15), 0.0),  # the mouth as a whole
+    (3.2, (0, 6), (20, 15), 0.0),  # all of the mouth
     (-2.6, (0, -17.5), (15, 4.2), 0.0),  # fold above the chin
     (5.0, (0, -33), (12.5, 8.5), 0.0),  # chin
     (-1.0, (0, 15), (2.0, 5.0), 0.0),  # philtrum

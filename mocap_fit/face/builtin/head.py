@@ -1,4 +1,4 @@
-"""The built-in head, as others ask for it: kept between runs, so that it is there at once."""
+"""The built-in head, loaded from the cache or built."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def load_built_in_head(*, use_cache: bool = True) -> Mesh:
         cached = load_mesh(path)
         if cached is not None:
             return cached
-    # Building needs scipy, whose import takes longer than loading the whole head.
+    # Building needs scipy, whose import takes longer than loading the head.
     from mocap_fit.face.builtin.assemble import build_head
 
     mesh = build_head()

@@ -1,7 +1,7 @@
 """The mouth: closed rings from the bag behind the lips to the skin around them.
 
-Every ring has its vertices at the same places round the mouth, so the strips between them are
-regular. Only the left half of a ring is made: from its middle below, by way of the left corner,
+Every ring has its vertices at the same angles round the mouth, so the strips between them are
+regular. Only the left half of a ring is built: from its middle below, by way of the left corner,
 to its middle above.
 """
 

@@ -1,4 +1,4 @@
-"""Heads of other sizes and proportions, made from one by smooth warps."""
+"""Heads of other sizes and proportions, by smooth warps of one."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The head without its features: a smooth loft from the neck to the crown.
 
 A point of the loft has an azimuth (0 in front, π/2 at the speaker's left, π behind) and a level
-(mm along the surface, upwards). Everything else is modelled on it. Only the left half is made;
+(mm along the surface, upwards). Everything else is modelled on it. Only the left half is built;
 the right half is its mirror image.
 """
 
