@@ -75,9 +75,9 @@ class RigidFit:
 def compute_pose_information(source: FloatArray, centre: FloatArray) -> FloatArray:
     """Return the information that each point gives on a small rigid motion.
 
-    With the Jacobian ``J`` of `compute_motion_jacobian`, the matrices are ``Jᵀ J``; their sum over the
-    points is the inverse of the covariance of rotation vector and translation per unit variance
-    of the coordinates.
+    With the Jacobian ``J`` of `compute_motion_jacobian`, the matrices are ``Jᵀ J``; their sum over
+    the points is the inverse of the covariance of rotation vector and translation per unit
+    variance of the coordinates.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from mocap_fit.errors import (
     RegistryError,
 )
 from mocap_fit.io import READERS
-from mocap_fit.tracks import MarkerTracks, ParameterTracks, PoseTracks
+from mocap_fit.tracks import MarkerTracks, ParameterTracks, PoseTracks, Tracks
 
 OWN = ("c3d", "csv", "parquet", "qualisys-tsv", "trc")
 
@@ -71,7 +71,7 @@ every_recording = pytest.mark.parametrize(("reader", "name"), PAIRS)
 every_reader = pytest.mark.parametrize("reader", OWN)
 
 
-def quiet_read(path: Path, **arguments: object) -> io.Tracks:
+def quiet_read(path: Path, **arguments: object) -> Tracks:
     """Read without the warnings that some of the files are made to give."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
