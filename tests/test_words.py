@@ -98,8 +98,6 @@ PENDING = (
     "mocap_fit/control/cart",
     "mocap_fit/control/rule_",
     "mocap_fit/evaluation",
-    "mocap_fit/fitting",
-    "mocap_fit/head",
     "mocap_fit/io",
     "mocap_fit/labels",
     "mocap_fit/phones",

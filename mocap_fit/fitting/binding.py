@@ -17,11 +17,11 @@ from mocap_fit.fitting.orientation import Orientation
 from mocap_fit.head.reference import compute_median_pose
 from mocap_fit.tracks import FloatArray, MarkerTracks
 
-# A marker tied to a feature point looks for its triangle within this many mouth widths of it.
+# A marker with a feature point is tied to a triangle within this many mouth widths of it.
 _REACH = 0.6
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Binding:
     """Virtual markers on a face.
 
@@ -32,32 +32,34 @@ class Binding:
     Parameters
     ----------
     rig
-        The face.
+        Face.
     names
-        Marker names.
+        Names of the face markers.
     weights
-        `(markers,)`: weight of each in the fit.
+        Weight of each marker in the fit, ``(markers,)``, no unit.
     orientation
-        Takes the speaker's head coordinates to the face's.
+        Transform from the speaker's head coordinates to the face's.
     reference_parameters
-        `(parameters,)`: the face parameters at which the markers were tied.
+        Face parameters of the reference pose, ``(parameters,)``; 0 is rest, 1 the full gesture.
     vertex_ids
-        `(vertices,)`: vertices of the mesh that the markers need; the rest is in terms of these.
+        Vertices of the mesh that the markers need, ``(vertices,)``, no unit.
     corners
-        `(markers, 3)`: v1, v2, v3.
+        Vertices v1, v2 and v3 of each marker, ``(markers, 3)``, no unit: indices of `vertex_ids`.
     coordinates
-        `(markers, 3)`: s, t, u.
-    ring_starts, rings
-        Triangles round v1: those of marker m are ``rings[ring_starts[m]:ring_starts[m + 1]]``,
-        `(triangles, 2)`, their other two corners in order.
+        Coordinates s, t (no unit) and u (millimetres) of each marker, ``(markers, 3)``.
+    ring_starts
+        Start of each marker's triangles in `rings`, and their end, ``(markers + 1,)``, no unit.
+    rings
+        The other two corners, in order, of the triangles round v1, ``(triangles, 2)``, no unit:
+        those of marker m are ``rings[ring_starts[m]:ring_starts[m + 1]]``.
     compiled
-        The rig for those vertices; None where it cannot be compiled.
+        Rig for those vertices; None where it cannot be compiled.
     head_names
-        Names of the head reference markers that the reference pose has.
+        Names of the head markers that the reference pose has.
     head_positions
-        `(head markers, 3)`: where they are, in the face's coordinates.
+        Head markers, ``(head markers, 3)``, millimetres of the face.
     head_weights
-        `(head markers,)`.
+        Weights of the head markers, ``(head markers,)``, no unit.
     """
 
     rig: Rig
@@ -80,23 +82,28 @@ class Binding:
         """Names of the face parameters."""
         return self.rig.parameter_names
 
-    def evaluate(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Virtual markers and their derivative, in plain numpy.
+    def __repr__(self) -> str:
+        return (
+            f"Binding of {len(self.names)} face markers and {len(self.head_names)} head markers "
+            f"to {len(self.vertex_ids)} vertices, {len(self.parameter_names)} parameters"
+        )
 
-        This is the reference that the compiled kernel is held to, and serves rigs that cannot be
-        compiled.
+    def evaluate(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Compute the virtual markers and their Jacobian, in plain numpy.
+
+        The compiled kernel is tested against this, which also serves rigs that do not compile.
 
         Parameters
         ----------
         parameters
-            `(parameters,)`.
+            Parameters, ``(parameters,)``; 0 is rest, 1 the full gesture.
 
         Returns
         -------
-        positions
-            `(markers, 3)`, millimetres of the face.
-        jacobian
-            `(markers, 3, parameters)`, millimetres per unit.
+        positions : ndarray
+            Virtual markers, ``(markers, 3)``, millimetres of the face.
+        jacobian : ndarray
+            Their derivatives, ``(markers, 3, parameters)``, millimetres per unit.
         """
         if self.compiled is not None:
             vertices, slopes = evaluate_jacobian(self.compiled, parameters)
@@ -116,21 +123,29 @@ def compute_virtual_markers(
     ring_starts: NDArray[np.int64],
     rings: NDArray[np.int64],
 ) -> tuple[FloatArray, FloatArray]:
-    """Beskow eq. 2 and its derivative; see `Binding` for the arrays.
+    """Compute virtual markers and their Jacobian by Beskow eq. 2.
 
     Parameters
     ----------
     vertices
-        `(vertices, 3)`.
+        Vertices, ``(vertices, 3)``, millimetres.
     slopes
-        `(vertices, 3, parameters)`: derivative of the vertices.
+        Derivatives of the vertices, ``(vertices, 3, parameters)``, millimetres per unit.
+    corners
+        Vertices v1, v2 and v3 of each marker, ``(markers, 3)``, no unit.
+    coordinates
+        Coordinates s, t (no unit) and u (millimetres) of each marker, ``(markers, 3)``.
+    ring_starts
+        Start of each marker's triangles in `rings`, and their end, ``(markers + 1,)``, no unit.
+    rings
+        The other two corners of the triangles round v1, ``(triangles, 2)``, no unit.
 
     Returns
     -------
-    positions
-        `(markers, 3)`.
-    jacobian
-        `(markers, 3, parameters)`.
+    positions : ndarray
+        Virtual markers, ``(markers, 3)``, millimetres.
+    jacobian : ndarray
+        Their derivatives, ``(markers, 3, parameters)``, millimetres per unit.
     """
     first, second, third = corners.T
     s, t, u = (column[:, None] for column in coordinates.T)
@@ -165,18 +180,18 @@ def bind_markers(
     Parameters
     ----------
     rig
-        The face.
+        Face.
     layout
-        What each marker is.
+        Marker layout.
     reference
-        The reference pose in head coordinates, one frame or more (their median is used).
+        Reference pose in head coordinates, one frame or more: their median is used.
     orientation
-        Takes the head coordinates to the face's; from `fit_orientation`.
+        Transform from head coordinates to the face's, from `fit_orientation`.
 
     Returns
     -------
     Binding
-        The virtual markers; in the reference pose they are where the markers are.
+        Virtual markers, which coincide with the markers in the reference pose.
 
     Raises
     ------
@@ -185,11 +200,26 @@ def bind_markers(
     ConfigurationError
         If the layout names regions, feature points or parameters that the face does not have.
 
+    See Also
+    --------
+    fit_orientation : Lays the reference pose on the face before it.
+    fit_shape : Fits a recording with the virtual markers.
+    fit_speaker : Does all steps for the recordings of a speaker.
+
     Notes
     -----
     A marker is tied to the nearest triangle of its region, and of the neighbourhood of its
-    feature point where it has one: at the seam of the lips the nearest triangle of the whole
-    face would be a coin flip.
+    feature point where it has one: at the seam of the lips the nearest triangle of all could be
+    on either lip.
+
+    Examples
+    --------
+    >>> import mocap_fit as mf
+    >>> face, layout = mf.load_face(), mf.load_layout("face30-head5")
+    >>> reference = mf.read_tracks(mf.load_sample("rest"))
+    >>> orientation = mf.fit_orientation(face, layout, reference)
+    >>> mf.bind_markers(face, layout, reference, orientation)
+    Binding of 30 face markers and 5 head markers to ... vertices, 10 parameters
     """
     pose = compute_median_pose(reference)
     missing = [marker.name for marker in layout.face_markers if marker.name not in pose]
@@ -221,19 +251,19 @@ def bind_markers(
         for marker in layout.head_markers
         if marker.name in pose
     }
-    tied = _bind(rig, vertices, np.array(corners), np.array(positions))
+    bound = _bind(rig, vertices, np.array(corners), np.array(positions))
     return Binding(
         rig=rig,
         names=tuple(marker.name for marker in layout.face_markers),
         weights=np.array([marker.weight for marker in layout.face_markers]),
         orientation=orientation,
         reference_parameters=parameters,
-        vertex_ids=tied.vertex_ids,
-        corners=tied.corners,
-        coordinates=tied.coordinates,
-        ring_starts=tied.ring_starts,
-        rings=tied.rings,
-        compiled=rig.compile(tied.vertex_ids),
+        vertex_ids=bound.vertex_ids,
+        corners=bound.corners,
+        coordinates=bound.coordinates,
+        ring_starts=bound.ring_starts,
+        rings=bound.rings,
+        compiled=rig.compile(bound.vertex_ids),
         head_names=tuple(head),
         head_positions=np.array([position for position, _ in head.values()]).reshape(-1, 3),
         head_weights=np.array([weight for _, weight in head.values()]),
@@ -241,7 +271,20 @@ def bind_markers(
 
 
 def check_recording(binding: Binding, recording: MarkerTracks) -> None:
-    """Refuse a recording that lacks markers of the binding, with a `DataError` that names them."""
+    """Refuse a recording that lacks markers of the binding.
+
+    Parameters
+    ----------
+    binding
+        Virtual markers.
+    recording
+        Recording.
+
+    Raises
+    ------
+    DataError
+        If markers are missing; the message names them.
+    """
     missing = [name for name in binding.names if name not in recording.names]
     if missing:
         raise DataError(
@@ -260,7 +303,7 @@ class _Bound(NamedTuple):
 
 
 def _bind(rig: Rig, vertices: FloatArray, corners: IndexArray, positions: FloatArray) -> _Bound:
-    """Coordinates s, t, u of positions with respect to triangles, and the rings they need."""
+    """Solve eq. 2 for s, t and u of each position, and list the triangles it needs."""
     triangles = rig.mesh.triangles
     starts, rings = [0], []
     for corner in corners:
@@ -292,7 +335,7 @@ def _bind(rig: Rig, vertices: FloatArray, corners: IndexArray, positions: FloatA
 def _list_candidates(
     mesh: Mesh, vertices: FloatArray, region: tuple[str, ...], feature_point: str | None
 ) -> IndexArray:
-    """Triangles that a marker may be tied to, as indices."""
+    """List the triangles that a marker may be tied to, as indices."""
     skin = mesh.get_part("skin")
     allowed = np.zeros(len(vertices), dtype=bool)
     if region:
@@ -309,7 +352,7 @@ def _list_candidates(
 
 
 def _find_nearest_triangle(point: FloatArray, triangles: FloatArray) -> int:
-    """Index of the triangle, of `(triangles, 3, 3)`, whose nearest point is nearest."""
+    """Find the nearest of triangles, ``(triangles, 3, 3)``, by its nearest point."""
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
     normal = np.cross(b - a, c - a)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
@@ -328,6 +371,6 @@ def _find_nearest_triangle(point: FloatArray, triangles: FloatArray) -> int:
 
 
 def _rotate_corners(triangle: IndexArray, vertices: FloatArray, point: FloatArray) -> IndexArray:
-    """The triangle's corners, in order, starting from the one nearest to the point."""
+    """Rotate the triangle's corners so that the one nearest to the point is first."""
     nearest = int(np.argmin(np.linalg.norm(vertices[triangle] - point, axis=1)))
     return np.roll(triangle, -nearest)

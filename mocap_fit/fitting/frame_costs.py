@@ -1,8 +1,8 @@
-"""Data costs of many frames at once, their form near some values, and what they mean.
+"""Data costs of many frames at once, their quadratic form near some values, and their scale.
 
-For the sum of distances, Newton's method crawls where a residual is nearly nil. The primal-dual
-form keeps a dual for each marker's direction (Chan, Golub and Mulet, SIAM J. Sci. Comput. 20,
-1999), and converges as if there were a second derivative.
+For the sum of distances, Newton's method converges slowly where a residual is nearly 0. The
+primal-dual form holds a dual for each marker's direction (Chan, Golub and Mulet, SIAM J. Sci.
+Comput. 20, 1999), and converges quadratically.
 """
 
 from __future__ import annotations
@@ -16,37 +16,55 @@ from numpy.typing import NDArray
 from mocap_fit.fitting.objective import Evaluator, Objective
 from mocap_fit.tracks import FloatArray
 
-# A distance counts as this much at least (mm), so that it can be divided by.
+# Least distance that is divided by, millimetres.
 _LEAST = 1e-6
-# Frames whose Jacobians are held at one time.
+# Frames whose Jacobians are in memory at one time.
 _AT_ONCE = 256
 
 
 class LocalCosts(NamedTuple):
-    """The data costs of frames about some values; the frames come first."""
+    """The data costs of frames, and their quadratic form, at some values.
 
-    costs: FloatArray  # (frames,)
-    gradients: FloatArray  # (frames, parameters)
-    curvatures: FloatArray  # (frames, parameters, parameters)
-    information: FloatArray  # (frames, parameters, parameters): weighted sum of JᵀJ
-    residuals: FloatArray  # (frames, markers, 3), 0 where hidden
-    duals: FloatArray  # (frames, markers, 3)
+    Parameters
+    ----------
+    costs
+        Costs, ``(frames,)``, in the unit of the objective.
+    gradients
+        First derivatives, ``(frames, parameters)``, in the unit of the cost.
+    curvatures
+        Second derivatives, ``(frames, parameters, parameters)``, in the unit of the cost.
+    information
+        Weighted sums of JᵀJ, ``(frames, parameters, parameters)``, square millimetres.
+    residuals
+        Virtual minus measured markers, ``(frames, markers, 3)``, millimetres; 0 where hidden.
+    duals
+        Dual variables, ``(frames, markers, 3)``, no unit.
+    """
+
+    costs: FloatArray
+    gradients: FloatArray
+    curvatures: FloatArray
+    information: FloatArray
+    residuals: FloatArray
+    duals: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class FrameCosts:
-    """The data costs of some frames, each a function of its own parameters.
+    """The data costs of some frames, each a function of the frame's parameters.
 
     Parameters
     ----------
     evaluator
-        Of the virtual markers.
+        Computes the virtual markers.
     targets
-        `(frames, markers, 3)`: measured markers, in the face's millimetres.
+        Measured markers, ``(frames, markers, 3)``, millimetres of the face.
     weights
-        `(frames, markers)`: 0 where hidden.
-    objective, threshold
-        As in `mocap_fit.fitting.objective.cost`.
+        Weights of the markers, ``(frames, markers)``; 0 where hidden.
+    objective
+        Cost of a frame.
+    threshold
+        Huber's threshold, millimetres of the face.
     """
 
     evaluator: Evaluator
@@ -56,7 +74,20 @@ class FrameCosts:
     threshold: float
 
     def at(self, values: FloatArray, before: LocalCosts | None = None) -> LocalCosts:
-        """Costs and their local form at `(frames, parameters)` values, a step from others."""
+        """Compute the costs and their quadratic form at some values.
+
+        Parameters
+        ----------
+        values
+            Parameters, ``(frames, parameters)``; 0 is rest, 1 the full gesture.
+        before
+            Costs at the values of the last round, whose duals are updated.
+
+        Returns
+        -------
+        LocalCosts
+            Costs, derivatives, residuals and duals.
+        """
         frames, count = values.shape
         costs, gradients = np.empty(frames), np.empty((frames, count))
         curvatures, information = np.empty((2, frames, count, count))
@@ -69,10 +100,10 @@ class FrameCosts:
                 weights[:, :, None] > 0, positions - np.nan_to_num(self.targets[part]), 0.0
             )
             distance = np.sqrt(np.einsum("tmi,tmi->tm", residual, residual))
-            value, slope, bend = self._shape(distance)
+            value, slope, is_straight = self._evaluate_distances(distance)
             costs[part] = np.einsum("tm,tm->t", weights, value)
-            pull = (weights * slope)[:, :, None] * residual
-            gradients[part] = np.einsum("tmi,tmip->tp", pull, jacobian)
+            gradient = (weights * slope)[:, :, None] * residual
+            gradients[part] = np.einsum("tmi,tmip->tp", gradient, jacobian)
             rows = jacobian.reshape(len(residual), -1, count)
             information[part] = _compute_information(rows, np.repeat(weights, 3, axis=1))
             if self.objective == "squares":
@@ -82,7 +113,7 @@ class FrameCosts:
                 dual = unit if before is None else _update_duals(before, part, residual)
                 along = np.einsum("tmi,tmip->tmp", unit, jacobian)
                 across = np.einsum("tmi,tmip->tmp", dual, jacobian)
-                straight = (weights * slope * bend)[:, :, None] * along
+                straight = (weights * slope * is_straight)[:, :, None] * along
                 mixed = np.swapaxes(straight, 1, 2) @ across
                 curvatures[part] = _compute_information(rows, np.repeat(weights * slope, 3, axis=1))
                 curvatures[part] -= 0.5 * (mixed + np.swapaxes(mixed, 1, 2))
@@ -93,18 +124,35 @@ class FrameCosts:
     def update(
         self, values: FloatArray, before: LocalCosts, moved: NDArray[np.bool_]
     ) -> LocalCosts:
-        """The local form after a step that moved some of the frames."""
+        """Compute the costs after a step that moved some of the frames.
+
+        Parameters
+        ----------
+        values
+            Parameters after the step, ``(frames, parameters)``; 0 is rest, 1 the full gesture.
+        before
+            Costs before the step.
+        moved
+            Which frames moved, ``(frames,)``, no unit.
+
+        Returns
+        -------
+        LocalCosts
+            Costs after the step; those of the other frames are as before.
+        """
         some = FrameCosts(
             self.evaluator, self.targets[moved], self.weights[moved], self.objective, self.threshold
         )
         new = some.at(values[moved], LocalCosts(*(old[moved] for old in before)))
         merged = LocalCosts(*(old.copy() for old in before))
-        for values_of_all, part in zip(merged, new, strict=True):
-            values_of_all[moved] = part
+        for target, source in zip(merged, new, strict=True):
+            target[moved] = source
         return merged
 
-    def _shape(self, distance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Cost of a distance, its slope over the distance, and whether it is on the straight."""
+    def _evaluate_distances(
+        self, distance: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Compute costs of distances, their slopes over the distances, and which are straight."""
         if self.objective == "squares":
             return distance**2, np.full_like(distance, 2.0), np.zeros_like(distance)
         if self.objective == "distances":
@@ -116,7 +164,7 @@ class FrameCosts:
 
 
 def _update_duals(before: LocalCosts, part: slice, residuals: FloatArray) -> FloatArray:
-    """Duals of some frames after a step to new residuals."""
+    """Update the duals of some frames after a step to new residuals."""
     old, duals = before.residuals[part], before.duals[part]
     distance = np.maximum(np.linalg.norm(old, axis=2, keepdims=True), _LEAST)
     longer = np.sum(old / distance * (residuals - old), axis=2, keepdims=True)
@@ -125,19 +173,20 @@ def _update_duals(before: LocalCosts, part: slice, residuals: FloatArray) -> Flo
 
 
 def _compute_information(rows: FloatArray, weights: FloatArray) -> FloatArray:
-    """``Jᵀ W J`` of every frame."""
+    """Compute ``Jᵀ W J`` of every frame."""
     return np.asarray(np.swapaxes(rows * weights[:, :, None], 1, 2) @ rows)
 
 
 class CostScale(NamedTuple):
-    """What costs mean, for Gaussian noise.
+    """The scale of a cost, for Gaussian noise.
 
     Parameters
     ----------
     variance
-        Of the frame-by-frame answer, times its information (the weighted sum of ``JᵀJ``).
+        Variance of the frame-by-frame result times its information (the weighted sum of
+        ``JᵀJ``), square millimetres.
     kappa
-        The cost over this is a negative logarithm of a likelihood.
+        Divisor that makes the cost a negative log likelihood, in the unit of the cost.
     """
 
     variance: float
@@ -145,24 +194,39 @@ class CostScale(NamedTuple):
 
 
 def compute_cost_scale(objective: Objective, threshold: float, noise: float) -> CostScale:
-    """Size up an objective, for noise of some standard deviation in every coordinate.
+    """Compute the scale of an objective, for Gaussian noise in every coordinate.
 
-    An M-estimator with the pull psi has the variance ``V / B²`` per information, with
-    ``V = E |psi|² / 3`` and ``B = E div psi / 3`` (Huber, Annals of Mathematical Statistics 35,
-    1964); its cost has the curvature B, and is a log likelihood once it is divided by ``V / B``.
-    For Gaussian noise ``E div psi = E psi · r / noise²``.
+    Parameters
+    ----------
+    objective
+        Cost of a frame.
+    threshold
+        Huber's threshold, millimetres.
+    noise
+        Standard deviation of a coordinate, millimetres.
+
+    Returns
+    -------
+    CostScale
+        Variance and divisor.
+
+    Notes
+    -----
+    An M-estimator whose cost has the derivative psi has the variance ``V / B²`` per information,
+    with ``V = E |psi|² / 3`` and ``B = E div psi / 3`` (Huber, Annals of Mathematical Statistics
+    35, 1964); its cost has the curvature B, and divided by ``V / B`` it is a negative log
+    likelihood. For Gaussian noise ``E div psi = E psi · r / noise²``.
     """
     if objective == "squares":
         return CostScale(noise**2, 2.0 * noise**2)
     length = np.linspace(0.0, 10.0, 4001)
-    chance = length**2 * np.exp(-0.5 * length**2)
-    chance /= chance.sum()
+    density = length**2 * np.exp(-0.5 * length**2)
+    density /= density.sum()
     distance = noise * length
-    pull = (
-        np.ones_like(distance)
-        if objective == "distances"
-        else 2.0 * np.minimum(distance, threshold)
-    )
-    size = float(chance @ pull**2) / 3.0
-    curve = float(chance @ (pull * distance)) / (3.0 * noise**2)
-    return CostScale(size / curve**2, size / curve)
+    if objective == "distances":
+        psi = np.ones_like(distance)
+    else:
+        psi = 2.0 * np.minimum(distance, threshold)
+    size = float(density @ psi**2) / 3.0
+    slope = float(density @ (psi * distance)) / (3.0 * noise**2)
+    return CostScale(size / slope**2, size / slope)

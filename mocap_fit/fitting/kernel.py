@@ -76,7 +76,20 @@ _VERSINE = tuple((-1.0) ** k / math.factorial(2 * k + 2) for k in range(8))
 
 @inner
 def sum_block(sums, k):  # type: ignore[no-untyped-def]  # numba infers the types
-    """Return the sum of 32 numbers from the k-th on, which are overwritten."""
+    """Return the sum of 32 numbers, which are overwritten.
+
+    Parameters
+    ----------
+    sums
+        Numbers, ``(numbers,)``.
+    k
+        Index of the first.
+
+    Returns
+    -------
+    float
+        Sum.
+    """
     for m in range(WIDTH // 2):
         sums[k + m] += sums[k + WIDTH // 2 + m]
     for m in range(WIDTH // 4):

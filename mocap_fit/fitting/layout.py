@@ -16,22 +16,22 @@ class LayoutMarker(StrictModel):
     Parameters
     ----------
     name
-        Its name in the recording.
+        Name of the marker in recordings.
     role
-        ``face``: fitted; ``head``: a rigid reference of the head's motion.
+        ``"face"``: fitted; ``"head"``: a rigid reference of the head's motion.
     feature_point
-        The MPEG-4 feature point that it sits on.
+        MPEG-4 feature point that it sits on.
     region
         Regions of the face whose triangles it may be tied to, so that a marker on the upper lip
-        is never tied to the lower one; the whole skin when left out.
+        is never tied to the lower one; all of the skin by default.
     weight
-        Its weight in the fit; for a head marker, in the head's pose.
+        Weight in the fit, or of a head marker in the head's pose; above 0, no unit.
     orientation
         Whether it is one of the strategic points of the orientation fit (Beskow eq. 1); needs a
         feature point.
     position
-        Where it is on the built-in head, `(x, y, z)` in millimetres: for simulation, and for
-        pictures. A face marker with a feature point may leave it out.
+        Position on the built-in head, ``(x, y, z)``, millimetres, for simulation and pictures.
+        Optional for a face marker with a feature point.
     """
 
     name: str = Field(min_length=1)
@@ -44,6 +44,7 @@ class LayoutMarker(StrictModel):
 
     @model_validator(mode="after")
     def _check_marker(self) -> LayoutMarker:
+        """Check that the marker has what its role needs."""
         if self.orientation and self.feature_point is None:
             raise ValueError(f"'{self.name}' has orientation = true but no feature_point")
         if self.role == "face" and self.feature_point is None and not self.region:
@@ -56,18 +57,20 @@ class Layout(StrictModel):
 
     Parameters
     ----------
-    name, description
-        For people.
+    name
+        Name of the layout.
+    description
+        One sentence for people.
     marker_offset
-        How far the centre of a marker is above the skin, millimetres; half a marker's diameter
-        for one that is glued on, 0 for a landmark.
+        Height of a marker's centre above the skin, millimetres: half the diameter of a marker that
+        is glued on, 0 for a landmark.
     size_varies
         Whether recordings must first be brought to the size of the reference pose by their head
         markers: true for landmarks of a video, whose scale drifts; false for measured markers.
     reference_parameters
-        Face parameters of the reference pose; those not named are 0 (jaw and lips closed).
+        Parameter → value in the reference pose, 0 to 1; 0 for others (jaw and lips closed).
     markers
-        The markers, in any order.
+        Markers, in any order.
     """
 
     name: str = ""
@@ -79,6 +82,7 @@ class Layout(StrictModel):
 
     @model_validator(mode="after")
     def _check_markers(self) -> Layout:
+        """Check that the markers are enough and do not contradict each other."""
         names = [marker.name for marker in self.markers]
         duplicates = sorted({name for name in names if names.count(name) > 1})
         if duplicates:
@@ -96,17 +100,31 @@ class Layout(StrictModel):
 
     @property
     def face_markers(self) -> tuple[LayoutMarker, ...]:
-        """The markers that are fitted."""
+        """Markers that are fitted."""
         return tuple(marker for marker in self.markers if marker.role == "face")
 
     @property
     def head_markers(self) -> tuple[LayoutMarker, ...]:
-        """The rigid references of the head's motion."""
+        """Markers that are rigid references of the head's motion."""
         return tuple(marker for marker in self.markers if marker.role == "head")
+
+    def __repr__(self) -> str:
+        return (
+            f"Layout '{self.name}': {len(self.face_markers)} face markers, "
+            f"{len(self.head_markers)} head markers"
+        )
+
+    __str__ = __repr__
 
 
 def list_layouts() -> tuple[str, ...]:
-    """Names of the layouts that come with the package."""
+    """List the layouts that come with the package.
+
+    Returns
+    -------
+    tuple of str
+        Names that `load_layout` takes, sorted.
+    """
     return list_shipped(__package__, "layouts")
 
 
@@ -116,7 +134,12 @@ def load_layout(name: str | Path) -> Layout:
     Parameters
     ----------
     name
-        The name of a shipped layout, or a TOML file.
+        Name of a layout that comes with the package, or a TOML file.
+
+    Returns
+    -------
+    Layout
+        The layout; one without a name has that of its file.
 
     Raises
     ------
@@ -124,6 +147,20 @@ def load_layout(name: str | Path) -> Layout:
         If there is no such layout.
     ConfigurationError
         If it contradicts itself; the message says where.
+
+    See Also
+    --------
+    fit_speaker : Ties the markers of a layout to a face.
+    read_tracks : Read the markers of a recording.
+
+    Examples
+    --------
+    >>> import mocap_fit as mf
+    >>> layout = mf.load_layout("face30-head5")
+    >>> layout
+    Layout 'face30-head5': 30 face markers, 5 head markers
+    >>> [marker.name for marker in layout.head_markers][:2]
+    ['head_bridge', 'head_rim_left']
     """
     layout = load_settings(Layout, name, package=__package__, folder="layouts", noun="layout")
     return layout if layout.name else layout.model_copy(update={"name": Path(name).stem})

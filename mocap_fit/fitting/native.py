@@ -174,7 +174,7 @@ class NativeSolver:
     threshold
         Huber's threshold, millimetres.
     algorithm
-        nlopt's number of the algorithm, such as ``nlopt.LD_SLSQP``.
+        Number of nlopt's algorithm, such as ``nlopt.LD_SLSQP``.
     scale
         Divisors of the parameters, ``(parameters,)``, no unit: the quotients are nlopt's variables.
     bounds

@@ -45,7 +45,7 @@ class NloptSolver:
     threshold
         Huber's threshold, millimetres of the face.
     algorithm
-        nlopt's name of the algorithm.
+        Name of nlopt's algorithm.
     refine_pose
         Whether the variables include a correction of the head's pose.
     maximum_evaluations

@@ -22,7 +22,7 @@ from mocap_fit.tracks.rigid import compute_motion_jacobian, estimate_similarity_
 _PLAUSIBLE_SCALE = (0.2, 5.0)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Orientation:
     """A similarity transform ``x → scale · rotation · x + translation``.
 
@@ -31,14 +31,14 @@ class Orientation:
     scale
         Millimetres of the face per millimetre of the speaker.
     rotation
-        `(3, 3)`.
+        Rotation matrix, ``(3, 3)``, no unit.
     translation
-        `(3,)`, millimetres of the face.
+        Translation, ``(3,)``, millimetres of the face.
     residuals
-        `(points,)`: distance of each strategic point from its feature point after the transform,
-        millimetres of the face, by name.
+        Marker → distance of each strategic point from its feature point after the transform,
+        millimetres of the face.
     evaluations
-        How often the objective was evaluated.
+        Number of evaluations of the objective.
     """
 
     scale: float = 1.0
@@ -54,12 +54,44 @@ class Orientation:
             object.__setattr__(self, "translation", np.zeros(3))
 
     def apply(self, points: FloatArray) -> FloatArray:
-        """Points of the speaker, `(..., 3)`, in the face's coordinates."""
+        """Transform points of the speaker to the face's coordinates.
+
+        Parameters
+        ----------
+        points
+            Points, ``(..., 3)``, millimetres of the speaker.
+
+        Returns
+        -------
+        ndarray
+            Points, ``(..., 3)``, millimetres of the face.
+        """
         return np.asarray(self.scale * points @ self.rotation.T + self.translation)
 
     def undo(self, points: FloatArray) -> FloatArray:
-        """Points of the face, `(..., 3)`, in the speaker's head coordinates."""
+        """Transform points of the face to the speaker's head coordinates.
+
+        Parameters
+        ----------
+        points
+            Points, ``(..., 3)``, millimetres of the face.
+
+        Returns
+        -------
+        ndarray
+            Points, ``(..., 3)``, millimetres of the speaker.
+        """
         return np.asarray((points - self.translation) @ self.rotation / self.scale)
+
+    def __repr__(self) -> str:
+        text = f"Orientation: scale {self.scale:.4g}"
+        if self.residuals:
+            distances = list(self.residuals.values())
+            text += (
+                f", residuals of {len(distances)} points {np.median(distances):.3g} mm (median), "
+                f"{max(distances):.3g} mm (largest)"
+            )
+        return text
 
 
 def fit_orientation(
@@ -69,19 +101,24 @@ def fit_orientation(
     *,
     objective: Literal["distances", "squares"] = "distances",
 ) -> Orientation:
-    """Find the transform that best lays the speaker's strategic points on the face's.
+    """Fit the similarity transform that lays the speaker's strategic points on the face's.
 
     Parameters
     ----------
     rig
-        The face.
+        Face.
     layout
-        The layout; its markers with ``orientation = true`` are the strategic points.
+        Marker layout, whose markers with ``orientation = true`` are the strategic points.
     reference
-        The reference pose in head coordinates, one frame or more (their median is used).
+        Reference pose in head coordinates, one frame or more: their median is used.
     objective
-        ``distances``: the sum of distances, as in eq. 1. ``squares``: the sum of squared
-        distances, whose answer is also that of Procrustes in closed form.
+        ``"distances"``: the sum of distances (Beskow eq. 1). ``"squares"``: the sum of squared
+        distances, whose minimum is also that of Procrustes in closed form.
+
+    Returns
+    -------
+    Orientation
+        Transform, and the distances of the strategic points.
 
     Raises
     ------
@@ -89,11 +126,26 @@ def fit_orientation(
         If fewer than three strategic points are in the reference, they lie on a line, or the
         sizes are so different that the unit must be wrong.
 
+    See Also
+    --------
+    bind_markers : Ties the markers to the face after it.
+    fit_speaker : Does all steps for the recordings of a speaker.
+
     Notes
     -----
-    The paper lays markers on vertices. A marker's centre is above the skin, though, by the
-    layout's ``marker_offset``, and so is the place where it is laid: otherwise the model would
-    come out larger than the speaker by as much.
+    The paper lays markers on vertices. A marker's centre is above the skin by the layout's
+    ``marker_offset``, and the target is moved outwards by as much: otherwise the face would be
+    fitted too large.
+
+    Examples
+    --------
+    >>> import mocap_fit as mf
+    >>> reference = mf.read_tracks(mf.load_sample("rest"))
+    >>> orientation = mf.fit_orientation(
+    ...     mf.load_face(), mf.load_layout("face30-head5"), reference
+    ... )
+    >>> len(orientation.residuals)
+    6
     """
     pose = compute_median_pose(reference)
     strategic = [m for m in layout.markers if m.orientation and m.name in pose]
@@ -134,7 +186,7 @@ def align_points(
     *,
     objective: Literal["distances", "squares"] = "distances",
 ) -> Orientation:
-    """Find the similarity transform that lays one set of points on another.
+    """Fit the similarity transform that lays one set of points on another.
 
     Seven free parameters: translation, rotation and scale (its logarithm, so that it stays
     positive); started from the closed form of least squares, which lies close, and minimised by
@@ -142,13 +194,20 @@ def align_points(
 
     Parameters
     ----------
-    source, target
-        `(points, 3)`, three or more that do not lie on a line.
+    source
+        Points, ``(points, 3)``, millimetres: three or more that do not lie on a line.
+    target
+        Points that they are laid on, ``(points, 3)``, millimetres.
     objective
-        See `fit_orientation`.
+        ``"distances"``: the sum of distances. ``"squares"``: the sum of squared distances.
+
+    Returns
+    -------
+    Orientation
+        Transform, without residuals.
     """
     scale, rotation, translation = estimate_similarity_transform(source, target)
-    # About the centroid and in units of the size, the seven parameters are alike in effect.
+    # About the centroid and in units of the size, the seven parameters have similar effects.
     centre, middle = source.mean(axis=0), target.mean(axis=0)
     size = float(np.sqrt(np.mean(np.sum((target - middle) ** 2, axis=1))))
     points, goals = scale * (source - centre) @ rotation.T / size, (target - middle) / size
@@ -156,30 +215,31 @@ def align_points(
     evaluations = 0
     best: tuple[float, FloatArray] = (np.inf, np.zeros(7))
 
-    def cost(x: FloatArray, gradient: FloatArray) -> float:
+    def _cost(x: FloatArray, gradient: FloatArray) -> float:
+        """Return the cost, and fill its gradient, for nlopt."""
         nonlocal evaluations, best
         evaluations += 1
         turned = np.exp(x[6]) * Rotation.from_rotvec(x[3:6].copy()).apply(points)
         difference = turned + x[:3] - goals
         if objective == "squares":
             value = float(np.sum(difference**2))
-            pull = 2.0 * difference
+            slope = 2.0 * difference
         else:
             distance = np.linalg.norm(difference, axis=1, keepdims=True)
             value = float(distance.sum())
-            pull = difference / np.maximum(distance, 1e-12)
+            slope = difference / np.maximum(distance, 1e-12)
         if gradient.size:
-            gradient[:3] = pull.sum(axis=0)
+            gradient[:3] = slope.sum(axis=0)
             # d(R p)/d(rotation vector) = -[R p]x Jl: torque through the left Jacobian.
-            torque = np.cross(turned, pull).sum(axis=0)
+            torque = np.cross(turned, slope).sum(axis=0)
             gradient[3:6] = _compute_left_jacobian(x[3:6]).T @ torque
-            gradient[6] = np.sum(pull * turned)
+            gradient[6] = np.sum(slope * turned)
         if value < best[0]:
             best = (value, x.copy())
         return value
 
     optimiser = nlopt.opt(nlopt.LD_SLSQP, 7)
-    optimiser.set_min_objective(cost)
+    optimiser.set_min_objective(_cost)
     # Without bounds nlopt's SLSQP has been seen to step to numbers that it never set.
     limits = np.array([3.0] * 3 + [np.pi] * 3 + [1.0])
     optimiser.set_lower_bounds(-limits)
@@ -202,9 +262,25 @@ def align_points(
 def move_by_pose(
     positions: FloatArray, jacobian: FloatArray, centre: FloatArray, pose: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Points moved by a pose, and their derivative by the parameters and the pose.
+    """Move points by a pose, and differentiate them by the parameters and the pose.
 
-    The pose is a rotation vector about the centre (radians) and a translation (millimetres).
+    Parameters
+    ----------
+    positions
+        Points, ``(points, 3)``, millimetres.
+    jacobian
+        Their derivatives by the parameters, ``(points, 3, parameters)``, millimetres per unit.
+    centre
+        Centre of the rotation, ``(3,)``, millimetres.
+    pose
+        Rotation vector and translation, ``(6,)``, radians and millimetres.
+
+    Returns
+    -------
+    positions : ndarray
+        Moved points, ``(points, 3)``, millimetres.
+    jacobian : ndarray
+        Derivatives by the parameters and the pose, ``(points, 3, parameters + 6)``.
     """
     rotation = Rotation.from_rotvec(pose[:3]).as_matrix()
     arms = (positions - centre) @ rotation.T
@@ -216,7 +292,7 @@ def move_by_pose(
 
 
 def _compute_left_jacobian(vector: FloatArray) -> FloatArray:
-    """Left Jacobian of the rotation group at a rotation vector, `(3, 3)`."""
+    """Compute the left Jacobian of the rotation group at a rotation vector, ``(3, 3)``."""
     angle = float(np.linalg.norm(vector))
     x, y, z = vector
     skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

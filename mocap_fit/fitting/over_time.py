@@ -1,11 +1,11 @@
 """The shape fit over time: all frames of a recording together, with a prior for smooth tracks.
 
-Off by default: Beskow's fit is frame by frame (eq. 3). What is minimised here is
+Off by default: Beskow's fit is frame by frame (eq. 3). The total cost is
 
 ``sum over frames of the cost + sum over parameters of ∫ weight(t) · x''(t)² dt``
 
-within the bounds of the rig. The first part is the cost of the frame-by-frame fit, so that more
-frames a second weigh more; the second is the same at any frame rate.
+within the bounds of the rig. The first sum is the cost of the frame-by-frame fit, which grows with
+the frame rate; the second does not depend on it.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ from mocap_fit.fitting.smoothness import (
 from mocap_fit.fitting.solving import BRIDGED
 from mocap_fit.tracks import FloatArray, MarkerTracks
 
-# The markers' noise counts as this much at least (mm), so that it can be divided by.
+# Least noise of the markers, millimetres: it is divided by.
 _LEAST_NOISE = 1e-6
-# The solver stops where all steps are below this, in units of the parameters, or the total cost
-# is about to fall by less than this part of itself.
-_SMALL_STEP, _SMALL_FALL = 1e-5, 1e-9
-# A frame that would move less than this stays, and need not be looked at again.
+# The solver stops where all steps of the parameters are below the first, or the expected decrease
+# of the total cost is less than the second part of it.
+_SMALL_STEP, _SMALL_DECREASE = 1e-5, 1e-9
+# A frame whose parameters would change by less than this is not evaluated again.
 _STILL = 1e-8
-# Median of a squared distance over the variance of a coordinate.
+# Median of chi-squared with three degrees of freedom.
 _MEDIAN_CHI_SQUARE = 2.366
-# Part of the mean information that is added where there is none, so that all can be solved.
+# Part of the mean information that is added to the diagonal, so that the matrix is regular.
 _RIDGE = 1e-10
 
 
@@ -59,30 +59,32 @@ def fit_over_time(
     maximum_rounds: int = 50,
     progress: Callable[[int], object] | None = None,
 ) -> ShapeFit:
-    """Find the smooth parameter tracks that best explain the markers of all frames together.
+    """Fit the face to all frames of a recording together, with smooth parameters.
 
     Parameters
     ----------
     binding
-        The virtual markers; from `bind_markers`.
+        Virtual markers, from `bind_markers`.
     recording
-        The recording in head coordinates; from `remove_head_motion`.
+        Recording in head coordinates, from `remove_head_motion`.
     fit
-        The frame-by-frame fit of the same recording, from `fit_shape`: where this one starts,
-        and what its weights are learnt from. Its pose corrections are kept.
-    objective, huber_threshold
-        As in `fit_shape`.
+        Frame-by-frame fit of the same recording, from `fit_shape`: the start, and what the
+        weights are estimated from. Its pose corrections are used again.
+    objective
+        Cost over the visible markers: ``"distances"``, ``"squares"`` or ``"huber"``.
+    huber_threshold
+        Distance at which Huber's objective turns from squares to distances, millimetres of the
+        speaker.
     weight
-        How much smoothness counts. A number: ``weight · (what the parameter moves)² ∫ x''² dt``
-        is added to the cost for each parameter, where what it moves is the root mean square
-        motion of the face markers per unit in the reference pose, millimetres. A number for each
-        parameter: ``weight ∫ x''² dt``. Without it, the data decide; see the notes.
+        Weight of smoothness, above 0. A number: ``weight · m² ∫ x''² dt`` is added to the cost
+        for each parameter x, where m is the root mean square motion of the face markers per unit
+        of the parameter in the reference pose, millimetres. A number for each parameter:
+        ``weight ∫ x''² dt``. By default it is estimated from the data; see the notes.
     maximum_gap
-        Frames with too few markers are bridged where no more than so many seconds of them
-        follow each other; a longer gap stays open, and what is on either side of it is solved on
-        its own.
+        Longest run of frames with too few markers that is bridged, seconds; a longer gap stays
+        open, and the frames on either side of it are fitted separately.
     maximum_rounds
-        The solver stops after so many evaluations of all frames.
+        Largest number of evaluations of all frames.
     progress
         Called with the number of frames done so far.
 
@@ -90,43 +92,40 @@ def fit_over_time(
     -------
     ShapeFit
         Bridged frames have the status `BRIDGED`. Standard deviations are those of the smooth
-        tracks, larger in gaps; infinite where the markers leave a parameter find_undetermined for
-        longer than the largest gap, or up to the end of a stretch.
+        tracks, larger in gaps; infinite where the markers do not determine a parameter for longer
+        than the largest gap, or up to the beginning or the end of a segment.
 
     Raises
     ------
     DataError
         If the fit is not one of this recording, with this face.
     ConfigurationError
-        If a setting is not possible.
+        If a setting is out of range.
 
     Notes
     -----
-    For Gaussian noise, what is minimised is the negative logarithm of the posterior of a prior
-    under which each parameter's second derivative is white noise of a strength q, and
-    ``weight = kappa k / (2 q)``: kappa is what the cost must be divided by to be a negative log
-    likelihood (twice the noise variance for ``squares``), and k says how many times larger the
-    parameter's noise is than the markers' noise explains, as where the head's pose has noise of
-    its own.
+    For Gaussian noise, the total cost is the negative logarithm of the posterior of a prior under
+    which each parameter's second derivative is white noise of strength q, and
+    ``weight = kappa k / (2 q)``: the cost divided by kappa is a negative log likelihood (kappa is
+    twice the noise variance for ``squares``), and k is the ratio of the parameter's noise variance
+    to the variance that the markers' noise explains, above 1 where the head's pose is noisy.
 
-    By default all of these come from the data. The markers' noise is what changes in the
-    residuals from frame to frame; k and q of each parameter are those of the greatest restricted
-    marginal likelihood of its frame-by-frame track, k no less than the noise of markers and head
-    pose explains (Wahba, Annals of Statistics 13, 1985; `estimate_smoothing`).
-    Likelihood rather than cross-validation: cross-validation has no use for a noise that is
-    known, and undersmooths now and then.
+    By default all of these come from the data. The markers' noise is estimated from the changes of
+    the residuals from frame to frame; k and q of each parameter maximise the restricted marginal
+    likelihood of its frame-by-frame track, with k no less than the noise of markers and head pose
+    explains (Wahba, Annals of Statistics 13, 1985; `estimate_smoothing`). Likelihood rather than
+    cross-validation: cross-validation cannot use a known noise, and sometimes undersmooths.
 
-    One strength for a whole recording would flatten what is quick: a lip closure is over in
-    80 ms. The strength therefore has its own value at every moment, learnt from the moments
-    around it (`estimate_local_smoothing`): such a prior has heavy tails and tolerates a few quick
-    gestures. It smooths calm stretches more and quick ones less. A given weight is the same at
-    all moments.
+    One strength for all frames would flatten quick movements: a lip closure is over in 80 ms. The
+    strength therefore varies over time, estimated from the frames around each moment
+    (`estimate_local_smoothing`): such a prior has heavy tails and tolerates a few quick gestures.
+    It smooths slow passages more and quick ones less. A weight of the caller is constant.
 
-    In every round each frame's cost is made quadratic, the banded normal equations of all frames
-    are solved within the bounds, and a frame whose cost bends more than its quadratic form said is
-    held back. The total cost never rises.
+    In every round the cost of each frame is made quadratic, the banded normal equations of all
+    frames are solved within the bounds, and a frame whose cost has more curvature than its
+    quadratic form is damped. The total cost never rises.
 
-    Time and memory grow with the frames, no faster.
+    Time and memory are proportional to the number of frames.
     """
     _check(binding, recording, fit, objective, huber_threshold, maximum_gap, maximum_rounds)
     rate, scale, bounds = recording.rate, binding.orientation.scale, binding.rig.bounds
@@ -136,14 +135,14 @@ def fit_over_time(
     evaluator = Evaluator(binding, objective, threshold)
     longest = maximum_gap * rate + 1e-6
     slices = _split_at_gaps(fit.fitted, longest)
-    stretches = [FrameCosts(evaluator, targets[s], shown[s], objective, threshold) for s in slices]
+    segments = [FrameCosts(evaluator, targets[s], shown[s], objective, threshold) for s in slices]
     starts = [_fill_gaps(fit.parameters.values[s], bounds) for s in slices]
-    locals_ = [data.at(start) for data, start in zip(stretches, starts, strict=True)]
-    noise = _estimate_noise(locals_, stretches)
+    local_costs = [data.at(start) for data, start in zip(segments, starts, strict=True)]
+    noise = _estimate_noise(local_costs, segments)
     if not np.isfinite(noise):
         noise = fit.noise * scale if np.isfinite(fit.noise) else 1.0
     cost_scale = compute_cost_scale(objective, threshold, max(noise, _LEAST_NOISE))
-    bare = [_compute_bare_deviations(local.information) for local in locals_]
+    bare = [_compute_bare_deviations(local.information) for local in local_costs]
     units = [
         _compute_unit_deviations(fit, part, b, scale) for part, b in zip(slices, bare, strict=True)
     ]
@@ -165,16 +164,16 @@ def fit_over_time(
     distances = np.full(shown.shape, np.nan)
     costs, evaluations = np.full(len(values), np.nan), fit.evaluations.copy()
     status, taken = fit.status.copy(), np.zeros(len(values))
-    for i, (part, data) in enumerate(zip(slices, stretches, strict=True)):
+    for i, (part, data) in enumerate(zip(slices, segments, strict=True)):
         solution, here, rounds = _solve(
-            data, starts[i], locals_[i], strengths[i], rate, bounds, maximum_rounds
+            data, starts[i], local_costs[i], strengths[i], rate, bounds, maximum_rounds
         )
         spread = _compute_covariance(here.information, strengths[i], noisiness, cost_scale, rate)
         values[part], costs[part] = solution, here.costs
         evaluations[part] += rounds
-        lost = np.isinf(fit.parameters.standard_deviations[part]) | ~fit.fitted[part, None]
+        undetermined = np.isinf(fit.parameters.standard_deviations[part]) | ~fit.fitted[part, None]
         deviations[part] = np.where(
-            _find_long_gaps(lost, longest), np.inf, np.sqrt(np.einsum("tpp->tp", spread))
+            _find_long_gaps(undetermined, longest), np.inf, np.sqrt(np.einsum("tpp->tp", spread))
         )
         taken[part] = np.einsum("tij,tji->t", spread, here.information) / cost_scale.variance
         distance = np.linalg.norm(here.residuals, axis=2) / scale
@@ -223,22 +222,26 @@ def _solve(
     bounds: FloatArray,
     maximum_rounds: int,
 ) -> tuple[FloatArray, LocalCosts, int]:
-    """Minimise the total cost of a stretch; returns values, costs there, and evaluations."""
+    """Minimise the total cost of a segment; return values, costs there, and evaluations."""
     bands = build_roughness_bands(len(values), rate, 2.0 * strengths)
     rounds = 1
     total = _compute_total(local, values, strengths, rate)
-    held = np.zeros(len(values))
+    damping = np.zeros(len(values))
     ridge = _compute_ridge(local.information)
     while rounds < maximum_rounds:
         diagonal = np.einsum("tpp->tp", local.curvatures)
         blocks = local.curvatures.copy()
-        np.einsum("tpp->tp", blocks)[:] += held[:, None] * diagonal + ridge
-        nothing = np.zeros_like(blocks)
-        slope = local.gradients + multiply(nothing, bands, values)
-        step = minimise_in_box(blocks, bands, slope, bounds[:, 0] - values, bounds[:, 1] - values)
-        bend = 0.5 * np.einsum("ti,tij,tj->t", step, blocks, step)
-        fall = -float(np.sum(slope * step) + 0.5 * np.sum(step * multiply(blocks, bands, step)))
-        if np.abs(step).max() < _SMALL_STEP or fall <= _SMALL_FALL * total:
+        np.einsum("tpp->tp", blocks)[:] += damping[:, None] * diagonal + ridge
+        zeros = np.zeros_like(blocks)
+        gradient = local.gradients + multiply(zeros, bands, values)
+        step = minimise_in_box(
+            blocks, bands, gradient, bounds[:, 0] - values, bounds[:, 1] - values
+        )
+        quadratic = 0.5 * np.einsum("ti,tij,tj->t", step, blocks, step)
+        decrease = -float(
+            np.sum(gradient * step) + 0.5 * np.sum(step * multiply(blocks, bands, step))
+        )
+        if np.abs(step).max() < _SMALL_STEP or decrease <= _SMALL_DECREASE * total:
             break
         moved = np.abs(step).max(axis=1) > _STILL
         step[~moved] = 0.0
@@ -247,40 +250,41 @@ def _solve(
         rounds += 1
         new_total = _compute_total(trial, stepped, strengths, rate)
         rise = trial.costs - local.costs - np.einsum("tp,tp->t", local.gradients, step)
-        stubborn = rise > 1.5 * bend + 1e-12 * local.costs
+        curved = rise > 1.5 * quadratic + 1e-12 * local.costs
         if new_total < total:
             values, local, total = stepped, trial, new_total
-            held = np.where(stubborn, np.maximum(2 * held, 0.1), held / 4)
-            held[held < 0.01] = 0.0
-        elif stubborn.any():
-            held = np.where(stubborn, np.maximum(4 * held, 1.0), held)
+            damping = np.where(curved, np.maximum(2 * damping, 0.1), damping / 4)
+            damping[damping < 0.01] = 0.0
+        elif curved.any():
+            damping = np.where(curved, np.maximum(4 * damping, 1.0), damping)
         else:
-            held = np.maximum(4 * held, 1.0)
+            damping = np.maximum(4 * damping, 1.0)
     return values, local, rounds
 
 
 def _compute_total(
     local: LocalCosts, values: FloatArray, strengths: FloatArray, rate: float
 ) -> float:
+    """Return the cost of all frames and their roughness."""
     return float(local.costs.sum() + np.sum(strengths * compute_curvature(values, rate) ** 2))
 
 
-def _estimate_noise(locals_: Sequence[LocalCosts], stretches: Sequence[FrameCosts]) -> float:
-    """Noise of a coordinate by how residuals change from frame to frame, in the face's mm.
+def _estimate_noise(local_costs: Sequence[LocalCosts], segments: Sequence[FrameCosts]) -> float:
+    """Estimate the noise of a coordinate from the residuals' changes, millimetres of the face.
 
-    A face that cannot take the speaker's shape leaves residuals that change slowly; they are no
-    noise. Second differences of the residual vectors take them away. The median forgives jumps.
+    Residuals that change slowly, because the face differs from the speaker's, are no noise: second
+    differences remove them. The median is robust to jumps.
     """
     squares, shares = [], []
-    for local, data in zip(locals_, stretches, strict=True):
+    for local, data in zip(local_costs, segments, strict=True):
         seen = data.weights > 0
         if len(seen) > 2:
             thrice = seen[:-2] & seen[1:-1] & seen[2:]
             second = np.diff(local.residuals, n=2, axis=0)
-            # The parameters take their share of what noise does to the markers.
-            left = 1.0 - local.gradients.shape[1] / np.maximum(3.0 * seen.sum(axis=1), 1.0)
+            # The parameters absorb a part of the noise.
+            rest = 1.0 - local.gradients.shape[1] / np.maximum(3.0 * seen.sum(axis=1), 1.0)
             squares.append(np.einsum("tmi,tmi->tm", second, second)[thrice])
-            shares.append(np.broadcast_to(left[1:-1, None], thrice.shape)[thrice])
+            shares.append(np.broadcast_to(rest[1:-1, None], thrice.shape)[thrice])
     if not squares or not sum(map(len, squares)):
         return float("nan")
     share = np.concatenate(shares)
@@ -294,10 +298,9 @@ def _estimate_noise(locals_: Sequence[LocalCosts], stretches: Sequence[FrameCost
 def _compute_unit_deviations(
     fit: ShapeFit, part: slice, bare: FloatArray, scale: float
 ) -> FloatArray:
-    """Deviation of the frame-by-frame parameters per unit of noise; infinite where unknown.
+    """Compute the frame-by-frame deviations per unit of noise; infinite where unknown.
 
-    The head's pose has noise of its own, which the fit's deviations hold and the bare ones, from
-    the markers' information, do not.
+    They include the noise of the head's pose; the bare deviations do not.
     """
     deviations = fit.parameters.standard_deviations[part]
     unit = (
@@ -309,7 +312,7 @@ def _compute_unit_deviations(
 
 
 def _compute_noise_ratio(units: Sequence[FloatArray], bare: Sequence[FloatArray]) -> FloatArray:
-    """How many times larger the parameters' variance is than the bare one, `(parameters,)`."""
+    """Compute the median ratio of the parameters' variance to the bare one, ``(parameters,)``."""
     squares = np.concatenate([(u / b) ** 2 for u, b in zip(units, bare, strict=True)])
     known = np.isfinite(squares)
     return np.array([np.median(squares[k, p]) if k.any() else 1.0 for p, k in enumerate(known.T)])
@@ -318,7 +321,7 @@ def _compute_noise_ratio(units: Sequence[FloatArray], bare: Sequence[FloatArray]
 def _learn_smoothing(
     tracks: Sequence[FloatArray], units: Sequence[FloatArray], cost_scale: CostScale, rate: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Smoothing and noise of every parameter, as `estimate_smoothing` gives them."""
+    """Estimate smoothing and noise of every parameter with `estimate_smoothing`."""
     pairs = []
     for p in range(tracks[0].shape[1]):
         known = [np.isfinite(u[:, p]) for u in units]
@@ -333,14 +336,14 @@ def _learn_smoothing(
 
 
 def _compute_bare_deviations(information: FloatArray) -> FloatArray:
-    """``sqrt diag (JᵀJ)⁻¹`` of every frame, `(frames, parameters)`."""
+    """Compute ``sqrt diag (JᵀJ)⁻¹`` of every frame, ``(frames, parameters)``."""
     blocks = information.copy()
     np.einsum("tpp->tp", blocks)[:] += _compute_ridge(information)
     return np.asarray(np.sqrt(np.einsum("tpp->tp", np.linalg.inv(blocks))))
 
 
 def _compute_ridge(information: FloatArray) -> FloatArray:
-    """A little information of every parameter."""
+    """Compute what is added to the diagonal of the information, ``(parameters,)``."""
     mean = np.einsum("tpp->p", information) / len(information)
     return np.asarray(_RIDGE * np.maximum(mean, 1e-3 * mean.max() + 1e-300))
 
@@ -348,7 +351,7 @@ def _compute_ridge(information: FloatArray) -> FloatArray:
 def _check_weight(
     weight: float | Sequence[float], binding: Binding, evaluator: Evaluator
 ) -> FloatArray:
-    """Weight of every parameter, from what the user gave."""
+    """Convert the caller's weight to the weight of every parameter."""
     count = len(binding.parameter_names)
     strengths = np.asarray(weight, dtype=np.float64)
     if (
@@ -356,7 +359,7 @@ def _check_weight(
         or not (np.isfinite(strengths) & (strengths > 0)).all()
     ):
         raise ConfigurationError(
-            "the weight of smoothness is not possible",
+            "the weight of smoothness is out of range",
             found=weight,
             expected=f"a number above 0, or {count} of them",
         )
@@ -374,7 +377,7 @@ def _compute_covariance(
     cost_scale: CostScale,
     rate: float,
 ) -> FloatArray:
-    """Covariance of the parameters of every frame, `(frames, parameters, parameters)`."""
+    """Compute the covariance of every frame, ``(frames, parameters, parameters)``."""
     noise = np.sqrt(cost_scale.variance * noisiness)
     blocks = information / noise[:, None] / noise
     np.einsum("tpp->tp", blocks)[:] += _compute_ridge(blocks)
@@ -383,13 +386,13 @@ def _compute_covariance(
 
 
 def _summarise_strengths(strengths: Sequence[FloatArray]) -> FloatArray:
-    """The middle weight of every parameter."""
+    """Return the median weight of every parameter, ``(parameters,)``."""
     every = np.concatenate(strengths)
     return np.median(every, axis=0) if len(every) else np.zeros(every.shape[1])
 
 
 def _transform_markers(binding: Binding, recording: MarkerTracks, fit: ShapeFit) -> FloatArray:
-    """Measured face markers in the face's coordinates, with the fit's pose corrections undone."""
+    """Transform the face markers to the face, and undo the fit's pose corrections."""
     face = recording.positions[:, recording.indices(binding.names)]
     targets = binding.orientation.apply(face)
     turned = np.flatnonzero(fit.pose_corrections.any(axis=1))
@@ -402,7 +405,7 @@ def _transform_markers(binding: Binding, recording: MarkerTracks, fit: ShapeFit)
 
 
 def _split_at_gaps(fitted: BoolArray, longest: float) -> list[slice]:
-    """Where frames are solved together: from one fitted frame to another, without long gaps."""
+    """List the segments that are fitted together: fitted frames without long gaps between."""
     frames = np.flatnonzero(fitted)
     cuts = np.flatnonzero(np.diff(frames) > longest + 1)
     firsts = frames[np.concatenate([[0], cuts + 1])]
@@ -411,17 +414,17 @@ def _split_at_gaps(fitted: BoolArray, longest: float) -> list[slice]:
 
 
 def _fill_gaps(values: FloatArray, bounds: FloatArray) -> FloatArray:
-    """The values with gaps filled by straight lines, within bounds."""
+    """Fill gaps by straight lines, within bounds."""
     there = np.flatnonzero(np.isfinite(values).all(axis=1))
     frames = np.arange(len(values))
     filled = np.stack([np.interp(frames, there, column[there]) for column in values.T], axis=1)
     return np.asarray(np.clip(filled, bounds[:, 0], bounds[:, 1]))
 
 
-def _find_long_gaps(lost: BoolArray, longest: float) -> BoolArray:
-    """Which of the `(frames, parameters)` that are lost are so for too long, or at an end."""
-    too_long = np.zeros_like(lost)
-    for p, column in enumerate(lost.T):
+def _find_long_gaps(undetermined: BoolArray, longest: float) -> BoolArray:
+    """Return which undetermined values are so for too long, or up to an end of the segment."""
+    too_long = np.zeros_like(undetermined)
+    for p, column in enumerate(undetermined.T):
         edges = np.diff(np.concatenate([[False], column, [False]]).astype(int))
         starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
         for start, end in zip(starts, ends, strict=True):
@@ -439,16 +442,17 @@ def _check(
     maximum_gap: float,
     maximum_rounds: int,
 ) -> None:
+    """Check the settings, and that the fit is one of the recording."""
     check_objective(objective, huber_threshold)
     if not (np.isfinite(maximum_gap) and maximum_gap >= 0):
         raise ConfigurationError(
-            "the longest gap to bridge is not possible",
+            "the longest gap to bridge is out of range",
             found=maximum_gap,
             expected="seconds, 0 or more",
         )
     if maximum_rounds < 1:
         raise ConfigurationError(
-            "the number of rounds is not possible", found=maximum_rounds, expected="1 up"
+            "the number of rounds is out of range", found=maximum_rounds, expected="1 or more"
         )
     if fit.parameters.names != binding.parameter_names or fit.marker_names != binding.names:
         raise DataError(

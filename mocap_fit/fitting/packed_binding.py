@@ -93,7 +93,7 @@ def allocate_aligned(*shape: int) -> FloatArray:
     Returns
     -------
     ndarray
-        The zeros.
+        Zeros, ``(*shape,)``.
     """
     count = math.prod(shape)
     zeros = np.zeros(count + 8)

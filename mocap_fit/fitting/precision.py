@@ -1,10 +1,10 @@
 """How well the visible markers determine the face parameters.
 
 With independent marker noise of standard deviation sigma on every coordinate, and residuals that
-are nearly linear in the parameters, the covariance of the least squares answer is
-``sigma² A (I + P) Aᵀ``, where ``A = (Jᵀ W J)⁻¹ Jᵀ W`` and P is what the noisy head pose adds to
-the markers in head coordinates. With the true pose and equal weights this is the Cramér-Rao
-bound, ``sigma² (Jᵀ J)⁻¹``.
+are nearly linear in the parameters, the covariance of the least-squares estimate is
+``sigma² A (I + P) Aᵀ``, where ``A = (Jᵀ W J)⁻¹ Jᵀ W`` and P is the covariance that the noisy head
+pose adds to the markers in head coordinates. With the true pose and equal weights this is the
+Cramér-Rao bound, ``sigma² (Jᵀ J)⁻¹``.
 """
 
 from __future__ import annotations
@@ -24,25 +24,27 @@ def compute_covariance(
     head_positions: FloatArray | None = None,
     head_weights: FloatArray | None = None,
 ) -> FloatArray:
-    """Covariance of the parameters per unit of marker variance.
+    """Compute the covariance of the parameters per unit variance of a marker's coordinate.
 
     Parameters
     ----------
     jacobian
-        `(markers, 3, parameters)` of the visible markers, millimetres per unit.
+        Jacobian of the visible markers, ``(markers, 3, parameters)``, millimetres per unit.
     weights
-        `(markers,)` of the visible markers.
+        Weights of the visible markers, ``(markers,)``, no unit.
     positions
-        `(markers, 3)`: where they are; needed with head markers alone.
-    head_positions, head_weights
-        `(head markers, 3)` and `(head markers,)`: the visible reference markers that the head's
-        pose was estimated from; without them the pose is taken as true.
+        Visible markers, ``(markers, 3)``, millimetres; needed with head markers alone.
+    head_positions
+        Visible head markers that the head's pose was estimated from, ``(head markers, 3)``,
+        millimetres; without them the pose counts as exact.
+    head_weights
+        Weights of the head markers, ``(head markers,)``, no unit; 1 by default.
 
     Returns
     -------
-    FloatArray
-        `(parameters, parameters)`; infinite on the diagonal of parameters that the markers do
-        not determine.
+    ndarray
+        Covariance, ``(parameters, parameters)``, per square millimetre; infinite on the diagonal
+        for parameters that the markers do not determine.
     """
     count = jacobian.shape[2]
     flat = jacobian.reshape(-1, count)
@@ -69,9 +71,9 @@ def compute_covariance(
 
 
 def _find_determined(information: FloatArray) -> NDArray[np.bool_]:
-    """Which parameters a singular information matrix still determines.
+    """Return which parameters a singular information matrix still determines.
 
-    A parameter is find_undetermined where a direction without information has a share in it.
+    A parameter is undetermined where a direction without information has a component along it.
     """
     scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
@@ -80,8 +82,8 @@ def _find_determined(information: FloatArray) -> NDArray[np.bool_]:
     return np.asarray(seen)
 
 
-# Where the information that a parameter alone has is this many times what is left of it beside
-# the others, it is looked at more closely whether anything is left at all.
+# Where the information of a parameter alone is this many times that beside the others, the
+# eigenvalues decide whether it is determined.
 _SUSPICIOUS = 1e6
 
 
@@ -93,30 +95,31 @@ def compute_deviations(
     head_positions: FloatArray | None = None,
     head_weights: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Standard deviations of the parameters of many frames, per unit of marker noise.
+    """Compute the standard deviations of the parameters of many frames, per unit of noise.
 
-    The square roots of the diagonals that `compute_covariance` gives for each frame.
+    They are the square roots of the diagonal of `compute_covariance` in each frame.
 
     Parameters
     ----------
     jacobian
-        `(frames, markers, 3, parameters)`.
+        Jacobians, ``(frames, markers, 3, parameters)``, millimetres per unit.
     weights
-        `(frames, markers)`: 0 for a hidden marker.
+        Weights of the markers, ``(frames, markers)``, no unit; 0 for a hidden marker.
     positions
-        `(frames, markers, 3)`; needed with head markers alone.
+        Markers, ``(frames, markers, 3)``, millimetres; needed with head markers alone.
     head_positions
-        `(head markers, 3)`.
+        Head markers, ``(head markers, 3)``, millimetres.
     head_weights
-        `(frames, head markers)`: 0 for a hidden one; frames with fewer than three take the pose
-        as true.
+        Weights of the head markers, ``(frames, head markers)``, no unit; 0 for a hidden one. In
+        frames with fewer than three the pose counts as exact.
 
     Returns
     -------
-    whole
-        `(frames, parameters)`; infinite where the markers do not determine a parameter.
-    bare
-        The same, as if the head's pose were true.
+    deviations : ndarray
+        Standard deviations, ``(frames, parameters)``, per millimetre; infinite where the markers
+        do not determine a parameter.
+    bare : ndarray
+        The same with an exact head pose.
     """
     frames, markers, _, count = jacobian.shape
     flat = jacobian.reshape(frames, 3 * markers, count)
@@ -127,7 +130,7 @@ def compute_deviations(
     ridge = 1e-13 * np.maximum(alone, 1e-12)
     information[:, np.arange(count), np.arange(count)] += ridge
     inverse = np.linalg.inv(information)
-    # Of the gain A only A Aᵀ is needed, and what A makes of a rigid motion.
+    # Of A only A Aᵀ and the product with a rigid motion are needed.
     variance = np.einsum("fpq,fpq->fp", inverse @ (across @ weighted), inverse)
     bare = variance.copy()
     posed = np.zeros(frames, dtype=bool)
@@ -160,37 +163,42 @@ def compute_deviations(
 
 
 def _find_unique_rows(weights: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
-    """The rows that differ, and which of them each row is: most frames show the same markers."""
-    # As strings of bytes they are sorted much faster than number by number.
+    """Return the distinct rows and the index of each row among them, as `numpy.unique` does."""
+    # Sorting them as bytes is much faster than number by number.
     rows = np.ascontiguousarray(weights).view(f"V{8 * weights.shape[1]}").ravel()
     _, first, which = np.unique(rows, return_index=True, return_inverse=True)
     return weights[first], which.reshape(-1)
 
 
 def _compute_pose_covariance(head_positions: FloatArray, head_weights: FloatArray) -> FloatArray:
-    """Covariance of the head's pose per unit of marker variance, `(frames, 6, 6)`.
+    """Compute the covariance of the head's pose per unit of marker variance, ``(frames, 6, 6)``.
 
-    The pose is taken about the middle of all head markers; the choice changes nothing.
+    The pose is about the centroid of all head markers; the choice changes nothing.
     """
     head = compute_motion_jacobian(head_positions, head_positions.mean(axis=0))
     pairs = np.einsum("hia,hib->hab", head, head)
     seen, which = _find_unique_rows(head_weights)
     information = np.einsum("fh,hab->fab", seen, pairs)
-    # Head markers on a line leave a turn open: it is taken as known, not as unbounded.
+    # Head markers on a line do not determine a rotation: it counts as exact, not as unbounded.
     inverse = np.linalg.pinv(information, rcond=1e-12, hermitian=True)
     pose = inverse @ np.einsum("fh,hab->fab", seen**2, pairs) @ inverse
     return np.asarray(pose[which])
 
 
 def find_undetermined(jacobian: FloatArray, weights: FloatArray) -> NDArray[np.bool_]:
-    """Which parameters the markers leave find_undetermined, `(frames, parameters)`.
+    """Find the parameters that the visible markers do not determine.
 
     Parameters
     ----------
     jacobian
-        `(markers, 3, parameters)`, the same for all frames.
+        Jacobian of all frames, ``(markers, 3, parameters)``, millimetres per unit.
     weights
-        `(frames, markers)`: 0 for a hidden marker.
+        Weights of the markers, ``(frames, markers)``, no unit; 0 for a hidden marker.
+
+    Returns
+    -------
+    ndarray
+        True for undetermined parameters, ``(frames, parameters)``.
     """
     sets, which = _find_unique_rows(weights)
     pairs = np.einsum("mip,miq->mpq", jacobian, jacobian)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import html
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,37 +36,42 @@ from mocap_fit.fitting.solving import (
 )
 from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks
 
-# Frames that are solved together: memory for their Jacobians is needed at one time.
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Frames that are solved together, whose Jacobians are in memory at one time.
 _CHUNK = 512
-# Where hidden markers make a parameter this many times less certain, it is not worth reading.
+# Where hidden markers make a parameter this many times less certain, it counts as undetermined.
 _UNCERTAIN = 10.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ShapeFit:
-    """What a shape fit found, and how.
+    """The result of a shape fit.
 
     Parameters
     ----------
     parameters
-        The parameter tracks, with standard deviations and residuals in millimetres of the
-        speaker.
+        Parameter tracks, with standard deviations, and residuals in millimetres of the speaker.
     marker_names
         Names of the face markers.
     marker_residuals
-        `(frames, markers)`: distance of each visible marker from its virtual marker,
+        Distance of each visible marker from its virtual marker, ``(frames, markers)``,
         millimetres of the speaker; NaN where hidden.
     costs
-        `(frames,)`: the objective at the answer, in the face's millimetres.
+        Cost at the result, ``(frames,)``, in the face's millimetres (squared for ``squares`` and
+        ``huber``).
     evaluations
-        `(frames,)`: how often the objective was evaluated.
+        Number of evaluations of the cost, ``(frames,)``, no unit.
     status
-        `(frames,)`: why the solver stopped; `mocap_fit.fitting.solving.STATUS` says each in words.
+        Reason for which the solver stopped, ``(frames,)``, no unit: a key of
+        `mocap_fit.fitting.solving.STATUS`.
     pose_corrections
-        `(frames, 6)`: rotation vector (radians) about the middle of the head markers, and
-        translation (millimetres of the face), found with ``refine_pose``; else zeros.
+        Corrections of the head's pose by ``refine_pose``, ``(frames, 6)``: rotation vector
+        (radians) about the centroid of the head markers, and translation (millimetres of the
+        face); otherwise zeros.
     noise
-        Standard deviation of a coordinate of a marker as the residuals show it, millimetres of
+        Standard deviation of a marker's coordinate, estimated from the residuals, millimetres of
         the speaker.
     """
 
@@ -79,19 +86,71 @@ class ShapeFit:
 
     @property
     def fitted(self) -> NDArray[np.bool_]:
-        """Which frames were fitted."""
+        """Fitted frames, ``(frames,)``."""
         return np.asarray(self.status != NOT_FITTED)
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         fitted = self.fitted
         residuals = self.parameters.residuals[fitted]
         middle = float(np.nanmedian(residuals)) if fitted.any() else float("nan")
         return (
-            f"{int(fitted.sum())} of {len(fitted)} frames fitted, median residual {middle:.3f} mm, "
-            f"{float(self.evaluations[fitted].mean()) if fitted.any() else 0:.0f} evaluations a "
+            f"ShapeFit of '{self.parameters.name}': {int(fitted.sum())} of {len(fitted)} frames "
+            f"fitted, median residual {middle:.3f} mm,\n"
+            f"  {float(self.evaluations[fitted].mean()) if fitted.any() else 0:.0f} evaluations a "
             f"frame, {int(self.parameters.uncertain.any(axis=1).sum())} frames with an uncertain "
             "parameter"
         )
+
+    def _repr_html_(self) -> str:
+        parameters = self.parameters
+        with warnings.catch_warnings():
+            # A parameter that no frame determines has no median.
+            warnings.simplefilter("ignore", RuntimeWarning)
+            deviations = np.where(parameters.uncertain, np.nan, parameters.standard_deviations)
+            columns = [
+                np.nanmin(parameters.values, axis=0),
+                np.nanmedian(parameters.values, axis=0),
+                np.nanmax(parameters.values, axis=0),
+                np.nanmedian(deviations, axis=0),
+            ]
+        rows = "".join(
+            f"<tr><td>{html.escape(name)}</td>{''.join(f'<td>{v:.3f}</td>' for v in values)}</tr>"
+            for name, *values in zip(parameters.names, *columns, strict=True)
+        )
+        return (
+            f"<pre>{html.escape(repr(self))}</pre><table><thead><tr><th>parameter</th>"
+            "<th>least</th><th>median</th><th>largest</th><th>standard deviation</th></tr></thead>"
+            f"<tbody>{rows}</tbody></table>"
+        )
+
+    def plot(self) -> Figure:
+        """Plot the parameters and the residuals over time.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Parameters above, with bands of 95 per cent, and below the root mean square residual
+            of the markers in millimetres.
+        """
+        from mocap_fit.drawing import CYCLE, GREY, new_figure
+
+        figure, panels = new_figure((9.0, 6.0), 2, 1, sharex=True, height_ratios=(3, 1))
+        upper, lower = panels[:, 0]
+        tracks = self.parameters
+        for i, name in enumerate(tracks.names):
+            colour = CYCLE[i % len(CYCLE)]
+            values, deviations = tracks.values[:, i], tracks.standard_deviations[:, i]
+            band = np.where(np.isfinite(deviations), 1.96 * deviations, np.nan)
+            upper.plot(tracks.times, values, color=colour, label=name.replace("_", " "))
+            upper.fill_between(
+                tracks.times, values - band, values + band, color=colour, alpha=0.2, lw=0
+            )
+        upper.set_ylabel("parameter (1 is the full gesture)")
+        upper.legend(ncols=2, fontsize=7)
+        lower.plot(tracks.times, tracks.residuals, color=GREY)
+        lower.set_ylabel("residual (mm)")
+        lower.set_xlabel("time (s)")
+        return figure
 
 
 def fit_shape(
@@ -105,48 +164,69 @@ def fit_shape(
     maximum_evaluations: int = 2000,
     progress: Callable[[int], object] | None = None,
 ) -> ShapeFit:
-    """Find the face parameters that best explain the markers, frame by frame.
+    """Fit the parameters of the face to the markers, frame by frame.
 
     Parameters
     ----------
     binding
-        The virtual markers; from `bind_markers`.
+        Virtual markers, from `bind_markers`.
     recording
-        The recording in head coordinates; from `remove_head_motion`.
+        Recording in head coordinates, from `remove_head_motion`.
     objective
-        What is minimised over the visible markers: the weighted sum of ``distances`` (eq. 3),
-        of ``squares``, or ``huber``.
+        Cost over the visible markers: the weighted sum of ``"distances"`` (Beskow eq. 3), of
+        ``"squares"``, or ``"huber"``.
     solver
-        ``newton-nlopt``: Newton's method predicts, and nlopt, started there, certifies.
-        ``newton``: Newton's method alone. Or one of nlopt's algorithms alone, such as
-        ``LN_PRAXIS``, Powell's, as in the paper.
+        ``"newton-nlopt"``: Newton's method predicts, and nlopt certifies from there.
+        ``"newton"``: Newton's method alone. Or one of nlopt's algorithms alone, such as
+        ``"LN_PRAXIS"``, Powell's method, as in the paper.
     huber_threshold
-        Where Huber's objective turns from squares to distances, millimetres of the speaker.
+        Distance at which Huber's objective turns from squares to distances, millimetres of the
+        speaker.
     refine_pose
-        Find a small correction of the head's pose together with the shape, from all markers:
-        few reference markers make a noisy pose.
+        Whether a small correction of the head's pose is fitted together with the shape, from all
+        markers: few reference markers make a noisy pose.
     maximum_evaluations
-        nlopt stops a frame after so many.
+        Largest number of nlopt's evaluations of a frame.
     progress
         Called with the number of frames done so far.
 
     Returns
     -------
     ShapeFit
-        Parameters, residuals, and what the solver did in every frame.
+        Parameters, residuals, and the solver's status in every frame.
 
     Raises
     ------
     DataError
         If the recording lacks a marker of the layout, or no frame can be fitted.
     ConfigurationError
-        If the objective or the solver is unknown, or a setting is not possible.
+        If the objective or the solver is unknown, or a setting is out of range.
+
+    See Also
+    --------
+    bind_markers : Ties the markers to the face.
+    remove_head_motion : Brings a recording to head coordinates.
+    fit_speaker : Does all steps for the recordings of a speaker.
 
     Notes
     -----
-    Each frame starts from the answer of the frame before. Hidden markers are left out. A
-    parameter that the visible markers leave find_undetermined keeps its value from the frame before,
-    and its standard deviation is infinite.
+    Each frame starts from the result of the frame before. Hidden markers are left out. A parameter
+    that the visible markers do not determine keeps its value from the frame before, and its
+    standard deviation is infinite, as it is where hidden markers make it ten times less certain.
+
+    Examples
+    --------
+    >>> import mocap_fit as mf
+    >>> face, layout = mf.load_face(), mf.load_layout("face30-head5")
+    >>> reference = mf.read_tracks(mf.load_sample("rest"))
+    >>> orientation = mf.fit_orientation(face, layout, reference)
+    >>> binding = mf.bind_markers(face, layout, reference, orientation)
+    >>> take = mf.read_tracks(mf.load_sample("take_01"))
+    >>> head = [marker.name for marker in layout.head_markers]
+    >>> still, motion = mf.remove_head_motion(take, reference, head)
+    >>> fit = mf.fit_shape(binding, still)
+    >>> fit.parameters.values.shape[1]
+    10
     """
     check_objective(objective, huber_threshold)
     _check_solver(binding, solver, refine_pose, maximum_evaluations)
@@ -159,14 +239,14 @@ def fit_shape(
     deviations = np.full((recording.frames, len(binding.parameter_names)), np.nan)
     for start in range(0, recording.frames, _CHUNK):
         chunk = slice(start, start + _CHUNK)
-        solved, distances[chunk], deviations[chunk] = _fit_chunk(
+        solution, distances[chunk], deviations[chunk] = _fit_chunk(
             binding, recording, chunk, frame_solver
         )
-        parts.append(solved)
+        parts.append(solution)
         if progress is not None:
             progress(min(start + _CHUNK, recording.frames))
-    solved = Solution.concatenate(parts)
-    fitted = solved.status != NOT_FITTED
+    solution = Solution.concatenate(parts)
+    fitted = solution.status != NOT_FITTED
     if not fitted.any():
         raise DataError(
             f"no frame of the recording '{recording.name}' can be fitted",
@@ -182,8 +262,8 @@ def fit_shape(
     tracks = ParameterTracks(
         binding.parameter_names,
         recording.rate,
-        solved.values,
-        # An find_undetermined parameter stays infinite even when the noise is nil.
+        solution.values,
+        # An undetermined parameter stays infinite even when the noise is nil.
         np.where(np.isinf(deviations), np.inf, deviations * noise * scale),
         np.where(fitted, residuals, np.nan),
         start_time=recording.start_time,
@@ -204,10 +284,10 @@ def fit_shape(
         tracks,
         binding.names,
         distances,
-        solved.costs,
-        solved.evaluations,
-        solved.status,
-        solved.corrections,
+        solution.costs,
+        solution.evaluations,
+        solution.status,
+        solution.corrections,
         noise,
     )
 
@@ -215,7 +295,7 @@ def fit_shape(
 def _check_solver(
     binding: Binding, solver: str, refine_pose: bool, maximum_evaluations: int
 ) -> None:
-    """Refuse a solver that is unknown, or cannot do what it is asked for."""
+    """Check the solver's settings."""
     if solver not in SOLVERS:
         raise ConfigurationError(
             "the solver is unknown", found=solver, expected=f"one of {', '.join(SOLVERS)}"
@@ -250,7 +330,7 @@ def _choose_solver(
             from mocap_fit.fitting.compiled_solver import CompiledSolver
             from mocap_fit.fitting.native import load_library
         except ImportError:
-            pass  # without numba, the plain form gives the same answers
+            pass  # Without numba, the plain form gives the same results.
         else:
             if load_library() is not None or solver == "newton":
                 return CompiledSolver(
@@ -263,8 +343,8 @@ def _choose_solver(
     algorithm = solver if solver in ALGORITHMS else PLAIN
     if solver not in (NEWTON_NLOPT, algorithm):
         warnings.warn(
-            f"the solver '{solver}' is not to be had for this rig or this machine, or with a "
-            f"refined pose; nlopt's {algorithm} is used",
+            f"the solver '{solver}' is not available for this rig or machine, or with a refined "
+            f"pose; nlopt's {algorithm} is used",
             MocapFitWarning,
             stacklevel=4,
         )
@@ -296,27 +376,27 @@ def _fit_chunk(
             head[:, i] = binding.orientation.apply(positions[:, recording.index(name)])
     seen = np.isfinite(targets[:, :, 0])
     usable = seen.sum(axis=1) >= 2
-    solved = solver.solve(targets, head, usable)
+    solution = solver.solve(targets, head, usable)
     distances = np.full(seen.shape, np.nan)
-    deviations = np.full(solved.values.shape, np.nan)
+    deviations = np.full(solution.values.shape, np.nan)
     if usable.any():
         distances[usable], deviations[usable] = _measure_quality(
-            binding, solved, targets, head, usable
+            binding, solution, targets, head, usable
         )
-    return solved, distances, deviations
+    return solution, distances, deviations
 
 
 def _measure_quality(
     binding: Binding,
-    solved: Solution,
+    solution: Solution,
     targets: FloatArray,
     head: FloatArray,
     usable: NDArray[np.bool_],
 ) -> tuple[FloatArray, FloatArray]:
-    """Marker distances and parameter deviations of the usable frames."""
+    """Compute marker distances and parameter deviations of the usable frames."""
     evaluator = Evaluator(binding, "squares", 1.0)
-    positions, jacobian = evaluator.evaluate_frames(solved.values[usable])
-    corrections = solved.corrections[usable]
+    positions, jacobian = evaluator.evaluate_frames(solution.values[usable])
+    corrections = solution.corrections[usable]
     for i in np.flatnonzero(corrections.any(axis=1)):
         centre = binding.head_positions.mean(axis=0)
         positions[i], _ = move_by_pose(positions[i], jacobian[i], centre, corrections[i])

@@ -1,10 +1,10 @@
-"""The algebra of smooth tracks: build_banded normal equations, and how rough tracks are.
+"""The algebra of smooth tracks: banded normal equations and roughness.
 
 A track's roughness is the integral of its squared second derivative,
 ``∫ x''² dt ≈ rate³ · sum (x[t+1] - 2 x[t] + x[t-1])²``, the same at any frame rate. In the order
-of the frames, the normal equations of all tracks together couple a parameter only with itself
-two frames on: their matrix is build_banded, twice the number of parameters wide on either side, and
-everything here takes time and memory in proportion to the frames.
+of the frames, the normal equations of all tracks together couple a parameter only with itself up
+to two frames away: their matrix is banded, twice the number of parameters wide on either side, and
+time and memory are proportional to the number of frames.
 """
 
 from __future__ import annotations
@@ -20,55 +20,57 @@ from mocap_fit.tracks import FloatArray
 
 BoolArray = NDArray[np.bool_]
 
-# Rounds of the active set; each is a build_banded solve. Three or four do, if bounds are few; so many
-# may go by without progress before it turns careful.
+# Largest number of rounds of the active set, each a banded solve; three or four are usual. Number
+# of rounds without progress before constraints change one at a time.
 _ACTIVE_SET_ROUNDS = 100
 _PATIENCE = 5
-# The likelihood is looked at for smoothing times from a tenth of a frame to this, in seconds.
+# Range of smoothing times in which the likelihood is maximised: up to so many seconds, from so many
+# frames.
 _LONGEST_SMOOTHING = 1.0
 _SHORTEST_SMOOTHING = 0.1
-# Moments that are no farther apart than this, in seconds, belong to one gesture; how much the
-# prior that all moments are alike is worth; and rounds, after which little changes.
+# Frames that are no farther apart than this, in seconds, belong to one gesture; observations that
+# the prior of equal strengths is worth; and rounds, after which little changes.
 _SAME_GESTURE = 0.04
 _PRIOR_COUNT = 0.5
 _FIXED_POINT_ROUNDS = 12
 
 
 def compute_curvature(tracks: FloatArray, rate: float) -> FloatArray:
-    """Second differences whose sum of squares is the roughness.
+    """Compute second differences whose sum of squares is the roughness.
 
     Parameters
     ----------
     tracks
-        `(frames, ...)`.
+        Tracks, ``(frames, ...)``, in any unit.
     rate
-        Hertz.
+        Frame rate, hertz.
 
     Returns
     -------
-    FloatArray
-        `(frames - 2, ...)`; empty for fewer than three frames.
+    ndarray
+        Second differences, ``(frames - 2, ...)``; empty for fewer than three frames.
     """
     return np.asarray(np.diff(tracks, n=2, axis=0) * rate**1.5)
 
 
 def build_roughness_bands(frames: int, rate: float, strengths: FloatArray) -> FloatArray:
-    """Matrix of the quadratic form ``sum of strength · curvature²``, for each of some tracks.
+    """Build the matrix of the quadratic form ``sum of strength · curvature²`` for each track.
 
     Parameters
     ----------
     frames
         Number of frames.
     rate
-        Hertz.
+        Frame rate, hertz.
     strengths
-        `(frames - 2, parameters)`, or what can be made of that shape.
+        Weights of the second differences, ``(frames - 2, parameters)`` or a shape that broadcasts
+        to it; in the unit of the cost over that of ``curvature²``.
 
     Returns
     -------
-    FloatArray
-        `(3, frames, parameters)`: diagonal, and the entries one and two frames below it, each at
-        its column, as `scipy.linalg.cholesky_banded` takes them with ``lower=True``.
+    ndarray
+        Diagonal, and the entries one and two frames below it, each at its column, ``(3, frames,
+        parameters)``, as `scipy.linalg.cholesky_banded` takes them with ``lower=True``.
     """
     scaled = np.asarray(strengths) * rate**3
     bands = np.zeros((3, frames, scaled.shape[-1]))
@@ -83,19 +85,19 @@ def build_roughness_bands(frames: int, rate: float, strengths: FloatArray) -> Fl
 
 
 def build_banded(blocks: FloatArray, bands: FloatArray) -> FloatArray:
-    """Lower build_banded form of ``block diagonal + prior``.
+    """Build the lower banded form of ``block diagonal + prior``.
 
     Parameters
     ----------
     blocks
-        `(frames, parameters, parameters)`, symmetric.
+        Symmetric blocks of the frames, ``(frames, parameters, parameters)``, in any unit.
     bands
-        `(3, frames, parameters)`: each parameter's own bands.
+        Bands of each parameter, ``(3, frames, parameters)``, in the same unit.
 
     Returns
     -------
-    FloatArray
-        `(2 parameters + 1, frames · parameters)`, in the order of the frames.
+    ndarray
+        Banded matrix, ``(2 parameters + 1, frames · parameters)``, in the order of the frames.
     """
     frames, count = blocks.shape[:2]
     matrix = np.zeros((2 * count + 1, frames, count))
@@ -108,7 +110,22 @@ def build_banded(blocks: FloatArray, bands: FloatArray) -> FloatArray:
 
 
 def multiply(blocks: FloatArray, bands: FloatArray, tracks: FloatArray) -> FloatArray:
-    """``(block diagonal + prior) · tracks``, `(frames, parameters)`; see `build_banded`."""
+    """Multiply ``block diagonal + prior`` by tracks.
+
+    Parameters
+    ----------
+    blocks
+        Symmetric blocks of the frames, ``(frames, parameters, parameters)``, in any unit.
+    bands
+        Bands of each parameter, ``(3, frames, parameters)``, in the same unit.
+    tracks
+        Tracks, ``(frames, parameters)``, in any unit.
+
+    Returns
+    -------
+    ndarray
+        Product, ``(frames, parameters)``.
+    """
     product = np.einsum("tij,tj->ti", blocks, tracks) + bands[0] * tracks
     for step in (1, 2):
         below = bands[step, :-step]
@@ -124,25 +141,31 @@ def minimise_in_box(
     lower: FloatArray,
     upper: FloatArray,
 ) -> FloatArray:
-    """Where ``½ dᵀ A d + gradient · d`` is least with ``lower <= d <= upper``.
+    """Minimise ``½ dᵀ A d + gradient · d`` with ``lower <= d <= upper``.
 
     The primal-dual active set method (Hintermüller, Ito and Kunisch, SIAM J. Optim. 13, 2002):
-    what lies on a bound is fixed, the rest is solved, and what pulls away from its bound or
-    leaves the box changes sides; one at a time, should they not settle (Júdice and Pires, Computers
-    and Operations Research 21, 1994). The answer is cut to the box, in case they never do; the
-    caller looks at the true cost anyway.
+    variables on a bound are fixed, the rest is solved, and variables whose multiplier has the
+    wrong sign, or which leave the box, change sides; one at a time, should the sets not settle
+    (Júdice and Pires, Computers and Operations Research 21, 1994). The result is clipped to the
+    box, in case they never do.
 
     Parameters
     ----------
-    blocks, bands
-        The matrix, as in `build_banded`; positive definite.
-    gradient, lower, upper
-        `(frames, parameters)`.
+    blocks
+        Blocks of the positive definite matrix A, ``(frames, parameters, parameters)``, any unit.
+    bands
+        Bands of A, ``(3, frames, parameters)``, in the same unit.
+    gradient
+        Gradient, ``(frames, parameters)``, in any unit.
+    lower
+        Lower bounds, ``(frames, parameters)``, in the unit of the result.
+    upper
+        Upper bounds, ``(frames, parameters)``, in the unit of the result.
 
     Returns
     -------
-    FloatArray
-        `(frames, parameters)`.
+    ndarray
+        Minimum, ``(frames, parameters)``.
 
     Raises
     ------
@@ -158,15 +181,15 @@ def minimise_in_box(
         fixed = at_lower | at_upper
         step = np.where(at_lower, lower, np.where(at_upper, upper, 0.0))
         if fixed.any():
-            pull = -gradient - multiply(blocks, bands, step)
+            right = -gradient - multiply(blocks, bands, step)
             part = _fix_variables(matrix, fixed.ravel())
-            step = np.where(fixed, step, _solve(part, np.where(fixed, 0.0, pull)))
+            step = np.where(fixed, step, _solve(part, np.where(fixed, 0.0, right)))
         else:
             step = _solve(matrix, -gradient)
-        force = -gradient - multiply(blocks, bands, step)
-        force[~fixed] = 0.0
-        new_lower = force + stiffness * (step - lower) < 0
-        new_upper = force + stiffness * (step - upper) > 0
+        multiplier = -gradient - multiply(blocks, bands, step)
+        multiplier[~fixed] = 0.0
+        new_lower = multiplier + stiffness * (step - lower) < 0
+        new_upper = multiplier + stiffness * (step - upper) > 0
         changed = np.flatnonzero((new_lower != at_lower) | (new_upper != at_upper))
         if not len(changed):
             break
@@ -175,7 +198,7 @@ def minimise_in_box(
         elif patience:
             patience -= 1
         else:
-            # Where sides go to and fro, one at a time comes to an end (Murty's rule).
+            # Changing one variable at a time always ends (Murty's rule).
             keep = np.arange(step.size).reshape(step.shape) != changed[-1]
             new_lower = np.where(keep, at_lower, new_lower)
             new_upper = np.where(keep, at_upper, new_upper)
@@ -184,13 +207,14 @@ def minimise_in_box(
 
 
 def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve a positive definite banded system."""
     factor = cholesky_banded(matrix, lower=True, check_finite=False)
     solution = cho_solve_banded((factor, True), right.ravel(), check_finite=False)
     return np.asarray(solution.reshape(right.shape))
 
 
 def _fix_variables(matrix: FloatArray, fixed: BoolArray) -> FloatArray:
-    """The build_banded matrix with the rows and columns of some variables those of the identity."""
+    """Replace rows and columns of fixed variables by those of the identity."""
     part = matrix.copy()
     for offset in range(min(len(part), part.shape[1])):
         end = part.shape[1] - offset
@@ -200,28 +224,30 @@ def _fix_variables(matrix: FloatArray, fixed: BoolArray) -> FloatArray:
 
 
 def compute_inverse_blocks(blocks: FloatArray, bands: FloatArray) -> FloatArray:
-    """Block diagonal of the inverse, exactly.
+    """Compute the block diagonal of the inverse, exactly.
 
-    With frames taken in pairs the matrix is block tridiagonal, ``A = L Lᵀ``, and with ``l`` the
-    factor's block of a pair and ``m`` the one below it, the inverse comes from the last pair to
-    the first, ``S[k] = l⁻ᵀ l⁻¹ + g S[k+1] gᵀ`` with ``g = l⁻ᵀ mᵀ`` (Takahashi, Fagan and Chen,
-    1973; for state space models it is the smoother of Rauch, Tung and Striebel).
+    In pairs of frames the matrix is block tridiagonal, ``A = L Lᵀ``, and with ``l`` the factor's
+    block of a pair and ``m`` the one below it, the inverse follows from the last pair to the
+    first, ``S[k] = l⁻ᵀ l⁻¹ + g S[k+1] gᵀ`` with ``g = l⁻ᵀ mᵀ`` (Takahashi, Fagan and Chen, 1973;
+    for state space models it is the smoother of Rauch, Tung and Striebel).
 
     Parameters
     ----------
-    blocks, bands
-        The matrix, as in `build_banded`; positive definite.
+    blocks
+        Blocks of the positive definite matrix, ``(frames, parameters, parameters)``, any unit.
+    bands
+        Bands of the matrix, ``(3, frames, parameters)``, in the same unit.
 
     Returns
     -------
-    FloatArray
-        `(frames, parameters, parameters)`.
+    ndarray
+        Blocks of the inverse, ``(frames, parameters, parameters)``.
     """
     frames, count = blocks.shape[:2]
     factor = cholesky_banded(build_banded(blocks, bands), lower=True, check_finite=False)
     size = 2 * count
     pairs = -(-frames // 2)
-    # One frame more makes the last pair padded; it is tied to nothing.
+    # One frame more completes the last pair; it is coupled to nothing.
     padded = np.zeros((size + 1, pairs * size))
     padded[0] = 1.0
     padded[:, : factor.shape[1]] = factor
@@ -244,34 +270,35 @@ def compute_inverse_blocks(blocks: FloatArray, bands: FloatArray) -> FloatArray:
 def estimate_smoothing(
     tracks: Sequence[FloatArray], deviations: Sequence[FloatArray], rate: float
 ) -> tuple[float, float]:
-    """How much a noisy track should be smoothed, and how noisy it is, by what is most likely.
+    """Estimate the smoothing of a noisy track, and its noise, by maximum likelihood.
 
-    The track is a smooth one, whose second derivative is white noise of unknown strength, plus
-    independent noise of the size given, or larger. Strength and size are those of the greatest
-    marginal likelihood, with the straight line left free (restricted likelihood; "generalised
-    maximum likelihood" of Wahba, Annals of Statistics 13, 1985).
+    The model is a track whose second derivative is white noise of unknown strength, plus
+    independent noise of known standard deviations times a factor of 1 or more. Strength and factor
+    maximise the marginal likelihood with the straight line left free (restricted likelihood;
+    "generalised maximum likelihood" of Wahba, Annals of Statistics 13, 1985).
 
     Parameters
     ----------
     tracks
-        Stretches of the track, `(frames,)` each; NaN is missing.
+        Segments of the track, ``(frames,)`` each, in any unit; NaN is missing.
     deviations
-        Standard deviation of the noise of every frame; what it is at least.
+        Standard deviations of the noise of every frame, ``(frames,)`` each, in the unit of the
+        track: the least that they can be.
     rate
-        Hertz.
+        Frame rate, hertz.
 
     Returns
     -------
-    smoothing
+    smoothing : float
         Lambda of ``sum ((y - x) / deviation)² + lambda ∫ x''² dt``.
-    noise
-        How many times larger the noise's variance is than given: 1 or more.
+    noise : float
+        Factor of the noise's variance: 1 or more.
 
     Notes
     -----
-    Gestures fade out above some hertz, faster than those of this prior. Left to itself, the
-    likelihood would take the noise above that for gestures, and smooth a clean track hardly at
-    all; the least noise keeps it from that.
+    The spectrum of speech gestures falls faster than that of this prior. Without a least noise,
+    the likelihood would take the noise at high frequencies for gestures, and smooth a clean track
+    hardly at all.
     """
     parts = []
     for track, deviation in zip(tracks, deviations, strict=True):
@@ -286,7 +313,8 @@ def estimate_smoothing(
     bends = sum(len(w) - 2 for _, w in parts)
     forms = [build_roughness_bands(len(w), 1.0, np.ones(1))[:, :, 0] for _, w in parts]
 
-    def evaluate_likelihood(log_ratio: float) -> tuple[float, float]:
+    def _evaluate_likelihood(log_ratio: float) -> tuple[float, float]:
+        """Return the noise factor and minus twice the log likelihood."""
         ratio = float(np.exp(log_ratio))
         squares = log_determinant = 0.0
         for (y, information), form in zip(parts, forms, strict=True):
@@ -306,15 +334,15 @@ def estimate_smoothing(
     # The smoothing time is the fourth root of the ratio, in frames.
     ends = 4 * np.log(_SHORTEST_SMOOTHING), 4 * np.log(max(_LONGEST_SMOOTHING * rate, 2.0))
     grid = np.linspace(*ends, 14)
-    best = int(np.argmin([evaluate_likelihood(g)[1] for g in grid]))
+    best = int(np.argmin([_evaluate_likelihood(g)[1] for g in grid]))
     around = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
     log_ratio = minimize_scalar(
-        lambda g: evaluate_likelihood(g)[1],
+        lambda g: _evaluate_likelihood(g)[1],
         bounds=around,
         method="bounded",
         options={"xatol": 0.02},
     ).x
-    return float(np.exp(log_ratio)) * typical / rate**3, evaluate_likelihood(log_ratio)[0]
+    return float(np.exp(log_ratio)) * typical / rate**3, _evaluate_likelihood(log_ratio)[0]
 
 
 def estimate_local_smoothing(
@@ -323,31 +351,33 @@ def estimate_local_smoothing(
     smoothing: FloatArray,
     rate: float,
 ) -> list[FloatArray]:
-    """How much tracks should be smoothed at every moment: less where a gesture is quick.
+    """Estimate the smoothing of tracks at every moment: less where a gesture is quick.
 
-    The second derivative's strength q of every moment is q of the padded track times a factor,
+    The strength q of the second derivative at each moment is that of the track times a factor,
     common to the moments around it, whose prior is worth `_PRIOR_COUNT` observations of 1: in
-    effect a prior with heavy tails, under which a quick gesture is not improbable. The factors
-    are found by the fixed point of the marginal likelihood: a variance is the sum of squares of
-    the posterior means over the number of them that the data determine, ``1 - posterior variance
-    / prior variance`` each (MacKay, Neural Computation 4, 1992; Tipping, Journal of
-    Machine Learning Research 1, 2001).
+    effect a prior with heavy tails, under which quick gestures are not improbable. The factors are
+    the fixed point of the marginal likelihood: a variance is the sum of squares of the posterior
+    means over the number of them that the data determine, ``1 - posterior variance / prior
+    variance`` each (MacKay, Neural Computation 4, 1992; Tipping, Journal of Machine Learning
+    Research 1, 2001).
 
     Parameters
     ----------
     tracks
-        Stretches of the tracks, `(frames, parameters)` each.
+        Segments of the tracks, ``(frames, parameters)`` each, in any unit.
     deviations
-        Standard deviation of their noise; infinite where a value is missing.
+        Standard deviations of their noise, ``(frames, parameters)`` each, in the unit of the
+        tracks; infinite where a value is missing.
     smoothing
-        `(parameters,)`: of `estimate_smoothing`.
+        Lambda of each track, ``(parameters,)``, from `estimate_smoothing`, in the unit of the
+        squared noise over the roughness.
     rate
-        Hertz.
+        Frame rate, hertz.
 
     Returns
     -------
-    list of FloatArray
-        `(frames - 2, parameters)` of each stretch: lambda of every second difference.
+    list of ndarray
+        Lambda of every second difference of each segment, ``(frames - 2, parameters)``.
     """
     count = len(smoothing)
     smoothing = np.maximum(smoothing, 1e-30)
@@ -370,7 +400,7 @@ def estimate_local_smoothing(
             factors[i] = (_PRIOR_COUNT + _sum_nearby(mean**2, near) / strengths) / (
                 _PRIOR_COUNT + _sum_nearby(share, near)
             )
-        # A strength goes no further from where it began than a smoothing time of three times.
+        # A strength changes by a factor of 100 at most: the smoothing time by about three.
         change = np.divide(
             squares, strengths * determined, out=np.ones(count), where=determined > 1
         )
@@ -379,7 +409,7 @@ def estimate_local_smoothing(
 
 
 def _sum_nearby(values: FloatArray, near: int) -> FloatArray:
-    """Sums over the rows that are near each row."""
+    """Sum the rows that are near each row."""
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
     rows = np.arange(len(values))
     return np.asarray(
@@ -390,7 +420,7 @@ def _sum_nearby(values: FloatArray, near: int) -> FloatArray:
 def _compute_curvature_posterior(
     bands: FloatArray, right: FloatArray, rate: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Posterior mean and variance of the curvature of separate tracks.
+    """Compute posterior mean and variance of the curvature of separate tracks.
 
     The covariance of neighbours comes from the Cholesky factor, last frame first, as in
     `compute_inverse_blocks`.
@@ -398,11 +428,11 @@ def _compute_curvature_posterior(
     Parameters
     ----------
     bands
-        `(3, frames, parameters)`: posterior precision of each track.
+        Posterior precision of each track, ``(3, frames, parameters)``.
     right
-        `(frames, parameters)`: precision times mean.
+        Precision times mean, ``(frames, parameters)``.
     rate
-        Hertz.
+        Frame rate, hertz.
     """
     frames, count = right.shape
     factors, mean = np.empty_like(bands), np.empty_like(right)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import html
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,8 +28,11 @@ from mocap_fit.io import read_tracks
 from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks
 from mocap_fit.tracks.rigid import describe_degeneracy
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class SpeakerFit:
     """A recording of a speaker, fitted.
 
@@ -52,12 +57,24 @@ class SpeakerFit:
         """Root mean square distance of the markers from the face, ``(frames,)``, millimetres."""
         return self.shape.parameters.residuals
 
-    def __str__(self) -> str:
-        """Return the summaries of the shape fit and of the head's motion."""
-        return f"{self.shape}\n{self.head_motion}"
+    def __repr__(self) -> str:
+        return f"{self.shape!r}\n{self.head_motion!r}"
+
+    def _repr_html_(self) -> str:
+        return f"{self.shape._repr_html_()}<pre>{html.escape(repr(self.head_motion))}</pre>"
+
+    def plot(self) -> Figure:
+        """Plot the parameters and the residuals over time.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Parameters above, and below the root mean square residual in millimetres.
+        """
+        return self.shape.plot()
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Speaker:
     """What all recordings of one speaker share; made by `fit_speaker`.
 
@@ -77,6 +94,12 @@ class Speaker:
     reference: MarkerTracks
     binding: Binding
     face_name: str
+
+    def __repr__(self) -> str:
+        return (
+            f"Speaker of the reference pose '{self.reference.name}' on the face '{self.face_name}'"
+            f"\n  {self.layout!r}\n  {self.binding.orientation!r}"
+        )
 
     def fit(
         self,
@@ -299,6 +322,16 @@ def fit_speaker(
     fit_orientation : Lays the reference pose on the face.
     bind_markers : Ties the markers to the face.
     fit_shape : Fits one recording in head coordinates.
+
+    Examples
+    --------
+    >>> import mocap_fit as mf
+    >>> speaker = mf.fit_speaker("built-in", "face30-head5", mf.load_sample("rest"))
+    >>> fit = speaker.fit(mf.read_tracks(mf.load_sample("take_01")))
+    >>> fit.parameters.names[:2]
+    ('jaw_rotation', 'lip_rounding')
+    >>> bool(np.nanmedian(fit.residuals) < 0.5)
+    True
     """
     rig = load_face(face) if isinstance(face, (str, Path)) else face
     face_name = Path(face).name if isinstance(face, (str, Path)) else type(face).__name__

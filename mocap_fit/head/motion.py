@@ -27,30 +27,30 @@ from mocap_fit.tracks.rigid import apply_inverse_transforms, apply_transforms
 from mocap_fit.tracks.robust import compute_pose_information, estimate_robust_transforms
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class HeadMotion:
-    """The pose of the head in every frame, and how well it is known.
+    """The pose of the head in every frame, and its precision.
 
     Parameters
     ----------
     pose
-        One body, ``head``; rotation and translation take head coordinates (those of the
-        reference pose) to the recording. NaN where it is not known.
+        One body, ``head``, whose pose transforms head coordinates (those of the reference pose) to
+        the recording; NaN where unknown.
     reference_names
-        The reference markers.
+        Names of the reference markers.
     reference
-        `(markers, 3)`: where they are in head coordinates, millimetres.
+        Reference markers in head coordinates, ``(markers, 3)``, millimetres.
     weights
-        `(frames, markers)`: the weight of each marker in each frame; 0 where it was missing or
-        left out.
+        Weight of each marker in each frame, ``(frames, markers)``, no unit; 0 where it was missing
+        or left out.
     marker_residuals
-        `(frames, markers)`: distance of each marker from where the pose puts it, millimetres;
-        also of those that were left out; NaN where missing.
+        Distance of each marker from its position by the pose, ``(frames, markers)``, millimetres;
+        also of rejected ones; NaN where missing.
     rejected
-        `(frames, markers)`: seen, but judged bad and left out.
+        Markers that were seen and left out as bad, ``(frames, markers)``, no unit.
     noise
-        Standard deviation of a coordinate of a reference marker of weight 1, learnt from the
-        residuals, millimetres; NaN where three markers at most are seen.
+        Standard deviation of a coordinate of a reference marker of weight 1, estimated from the
+        residuals, millimetres; NaN where no frame shows more than three markers.
     """
 
     pose: PoseTracks
@@ -63,39 +63,39 @@ class HeadMotion:
 
     @property
     def rotations(self) -> FloatArray:
-        """`(frames, 3, 3)`, head coordinates to the recording."""
+        """Rotations from head coordinates to the recording, ``(frames, 3, 3)``."""
         return self.pose.rotations[:, 0]
 
     @property
     def translations(self) -> FloatArray:
-        """`(frames, 3)`, millimetres."""
+        """Translations from head coordinates to the recording, ``(frames, 3)``, millimetres."""
         return self.pose.translations[:, 0]
 
     @property
     def residuals(self) -> FloatArray:
-        """`(frames,)`: root mean square distance of the markers used from the pose, mm."""
+        """Root mean square distance of the markers used from the pose, ``(frames,)``, mm."""
         return self.pose.residuals[:, 0]
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Frames whose pose is known, `(frames,)`."""
+        """Frames whose pose is known, ``(frames,)``."""
         return np.asarray(~np.isnan(self.residuals))
 
     @property
     def centre(self) -> FloatArray:
-        """Centroid of the reference markers in head coordinates, `(3,)`, millimetres."""
+        """Centroid of the reference markers in head coordinates, ``(3,)``, millimetres."""
         return np.asarray(self.reference.mean(axis=0))
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance of the pose per unit variance of a marker coordinate, `(frames, 6, 6)`.
+        """Covariance of the pose per unit variance of a marker coordinate, ``(frames, 6, 6)``.
 
-        In head coordinates: a small turn ``ω`` (rotation vector, radians) about `centre`, then a
-        shift ``τ`` (millimetres), which move a point ``x`` of the head by
-        ``ω × (x - centre) + τ``. Times the variance of a coordinate of a marker of weight 1 (such
-        as `noise` squared) it is the covariance of the pose's error. It is the inverse of
+        The six are, in head coordinates, a small rotation ``ω`` (rotation vector, radians) about
+        `centre` and a translation ``τ`` (millimetres), which move a point ``x`` of the head by
+        ``ω × (x - centre) + τ``. Multiplied by the variance of a coordinate of a marker of weight
+        1 (such as `noise` squared) it is the covariance of the pose's error. It is the inverse of
         ``Σ w [-(p - centre)×, I]ᵀ [-(p - centre)×, I]`` over the markers used in the frame; NaN
-        where the pose is not known.
+        where the pose is unknown.
         """
         information = np.einsum(
             "fp,pab->fab", self.weights, compute_pose_information(self.reference, self.centre)
@@ -104,9 +104,8 @@ class HeadMotion:
         covariance[self.known] = np.linalg.inv(information[self.known])
         return covariance
 
-    def __str__(self) -> str:
-        """Markers, frames, residuals, and what was left out when."""
-        lines = [f"head pose known in {self.known.sum()} of {len(self.known)} frames"]
+    def __repr__(self) -> str:
+        lines = [f"HeadMotion: pose known in {self.known.sum()} of {len(self.known)} frames"]
         if self.known.any():
             middle, worst = np.nanmedian(self.residuals), np.nanmax(self.residuals)
             lines[0] += f", residual {middle:.3g} mm (median), {worst:.3g} mm (largest)"
@@ -133,36 +132,36 @@ def estimate_head_motion(
     Parameters
     ----------
     recording
-        Markers in the coordinates of the room.
+        Markers in laboratory coordinates.
     reference
-        The reference pose, whose coordinates are head coordinates: tracks (the median over their
-        frames is used) or `(markers, 3)` with a row for each of `names`. When not given, head
-        coordinates are those of the recording's first frame that shows all reference markers.
+        Reference pose, whose coordinates are head coordinates, millimetres: tracks, whose median
+        over the frames is used, or an array ``(markers, 3)`` with a row for each of `names`. By
+        default, head coordinates are those of the recording's first frame that shows all
+        reference markers.
     names
-        The reference markers; three suffice. Those without data are left out with a warning. When
-        not given: all of the recording, where `reference` is an array; otherwise those that
-        `find_reference_markers` finds among the markers that recording and reference share, and
-        a warning names them.
+        Names of three or more reference markers. Those without data are left out with a warning.
+        By default all markers of the recording where `reference` is an array; otherwise those
+        that `find_reference_markers` chooses among the shared markers, and a warning names them.
     weights
-        Marker → weight, above 0, in inverse proportion to the variance of its noise; 1 where not
-        given.
+        Marker → weight, above 0, in inverse proportion to the variance of its noise; 1 by default.
 
     Returns
     -------
     HeadMotion
-        Frames with fewer than three good markers, or with good markers on a line, have NaN.
+        Pose of every frame; NaN in frames with fewer than three good markers, or with good markers
+        on a line.
 
     Raises
     ------
     DataError
         If the reference markers are too few, on a line or in one place, differ in size from the
-        recording (a unit is wrong), or are together in no frame.
+        recording (a unit is wrong), or no frame shows three of them.
 
     Warns
     -----
     MocapFitWarning
-        If markers are left out throughout, or were found and not named, or if they do not have
-        the shape of the reference pose.
+        If markers are left out of all frames, were chosen automatically, or do not have the shape
+        of the reference pose.
     """
     chosen, shape = choose_reference(recording, reference, names)
     base = check_weights(chosen, shape, weights, {*recording.names, *(names or ())})
@@ -202,29 +201,58 @@ def remove_head_motion(
     names: Sequence[str] | None = None,
     weights: Mapping[str, float] | None = None,
 ) -> tuple[MarkerTracks, HeadMotion]:
-    """Give the recording in head coordinates, and the motion, so that it can be put back.
+    """Remove the head's motion from a recording.
 
     Parameters
     ----------
-    recording, reference, names, weights
-        As for `estimate_head_motion`.
+    recording
+        Markers in laboratory coordinates.
+    reference
+        Reference pose, whose coordinates are head coordinates, millimetres: tracks, whose median
+        over the frames is used, or an array ``(markers, 3)`` with a row for each of `names`. By
+        default, head coordinates are those of the recording's first frame that shows all
+        reference markers.
+    names
+        Names of three or more reference markers, such as those on spectacles; by default they are
+        chosen automatically, with a warning.
+    weights
+        Marker → weight, above 0, in inverse proportion to the variance of its noise; 1 by default.
 
     Returns
     -------
     MarkerTracks
-        All markers in head coordinates; missing in the frames whose pose is not known.
+        All markers in head coordinates; missing in the frames whose pose is unknown.
     HeadMotion
-        What was removed.
+        Motion that was removed; `restore_head_motion` adds it again.
 
     Raises
     ------
     DataError
-        As for `estimate_head_motion`.
+        If the reference markers are too few, on a line or in one place, differ in size from the
+        recording (a unit is wrong), or no frame shows three of them.
 
     Warns
     -----
     MocapFitWarning
-        Also if the pose of some frames is not known.
+        If markers are left out of all frames, were chosen automatically, or do not have the shape
+        of the reference pose; and if the pose of some frames is unknown.
+
+    See Also
+    --------
+    fit_shape : Fits the face to a recording in head coordinates.
+    fit_speaker : Does all steps for the recordings of a speaker.
+
+    Examples
+    --------
+    >>> import mocap_fit as mf
+    >>> take = mf.read_tracks(mf.load_sample("take_01"))
+    >>> rest = mf.read_tracks(mf.load_sample("rest"))
+    >>> head = [m.name for m in mf.load_layout("face30-head5").head_markers]
+    >>> still, motion = mf.remove_head_motion(take, rest, head)
+    >>> still.names == take.names
+    True
+    >>> motion.translations.shape == (take.frames, 3)
+    True
     """
     motion = estimate_head_motion(recording, reference, names, weights)
     positions = apply_inverse_transforms(recording.positions, motion.rotations, motion.translations)
@@ -236,27 +264,27 @@ def remove_head_motion(
 def match_size(
     recording: MarkerTracks, reference: MarkerTracks, names: Sequence[str]
 ) -> tuple[MarkerTracks, float]:
-    """Bring a recording to the size of the reference pose.
+    """Scale a recording to the size of the reference pose.
 
-    For landmarks of a video, whose scale is not known and differs from one recording to the
-    next; markers that a camera system measures have a size already.
+    For landmarks of a video, whose scale is unknown and differs from one recording to the next;
+    markers that a camera system measures have the right size.
 
     Parameters
     ----------
     recording
         Markers in any coordinates.
     reference
-        The reference pose (the median over its frames is used).
+        Reference pose, whose median over the frames is used.
     names
-        Markers that are rigid with the head, two or more.
+        Names of two or more markers that are rigid with the head.
 
     Returns
     -------
     MarkerTracks
-        The recording, all positions divided by the factor.
+        Recording, with all positions divided by the factor.
     float
-        How many times larger it was: the median over the frames of the ratio of the distances
-        between the reference markers.
+        Size of the recording over that of the reference: the median over the frames of the ratio
+        of the distances between the reference markers.
 
     Raises
     ------
@@ -282,14 +310,19 @@ def match_size(
 
 
 def restore_head_motion(tracks: MarkerTracks, motion: HeadMotion) -> MarkerTracks:
-    """Put the head's motion back: from head coordinates to the room.
+    """Restore the head's motion: transform head coordinates to laboratory coordinates.
 
     Parameters
     ----------
     tracks
-        Markers in head coordinates, any markers, in the frames of the motion.
+        Any markers in head coordinates, in the frames of the motion.
     motion
-        What `remove_head_motion` removed.
+        Motion of the head, from `remove_head_motion`.
+
+    Returns
+    -------
+    MarkerTracks
+        Markers in laboratory coordinates; missing in frames whose pose is unknown.
 
     Raises
     ------
@@ -314,7 +347,7 @@ def restore_head_motion(tracks: MarkerTracks, motion: HeadMotion) -> MarkerTrack
 def _replace_positions(
     tracks: MarkerTracks, positions: FloatArray, motion: HeadMotion
 ) -> MarkerTracks:
-    """Tracks with other positions; a warning counts the frames that are lost with their pose."""
+    """Replace positions; warn of frames whose markers are lost because the pose is unknown."""
     lost = ~motion.known & tracks.visible.any(axis=1)
     if lost.any():
         warnings.warn(

@@ -19,7 +19,7 @@ from mocap_fit.tracks.robust import RigidFit, sample_evenly
 _LARGEST_RATIO = 2.0
 # A residual above this part of the set's length means another shape, not noise.
 _LARGEST_RESIDUAL = 0.1
-# Frames that are looked at to compare sizes, at most.
+# Largest number of frames whose sizes are compared.
 _SAMPLE = 2000
 
 
@@ -114,19 +114,33 @@ def check_weights(
     weights: Mapping[str, float] | None,
     known: set[str],
 ) -> FloatArray:
-    """The weights of the reference markers, `(markers,)`, 1 where none is given.
+    """Check that reference markers determine a pose, and return their weights.
 
-    ``known`` are further markers: a weight of one that is not used does no harm.
+    Parameters
+    ----------
+    names
+        Names of the reference markers.
+    shape
+        Reference pose, ``(markers, 3)``, millimetres.
+    weights
+        Marker → weight, above 0; 1 by default.
+    known
+        Further markers, whose weights are ignored.
+
+    Returns
+    -------
+    ndarray
+        Weights, ``(markers,)``.
 
     Raises
     ------
     DataError
-        If the markers cannot tell a rotation, or a weight is not possible.
+        If the markers do not determine a rotation, or a weight is out of range.
     """
     reason = describe_degeneracy(shape)
     if reason is not None:
         raise DataError(
-            f"the reference markers {', '.join(names)} cannot tell the head's rotation",
+            f"the reference markers {', '.join(names)} do not determine the head's rotation",
             found=reason,
             expected="three or more markers that are not on a line",
             advice="Use markers that are further apart.",
@@ -138,7 +152,7 @@ def check_weights(
     base = np.array([weights.get(name, 1.0) for name in names])
     if not (np.isfinite(base) & (base > 0)).all():
         raise DataError(
-            "a weight is not possible",
+            "a weight is out of range",
             found=", ".join(f"{n} {w:g}" for n, w in zip(names, base, strict=True)),
             expected="numbers above 0",
         )
@@ -150,7 +164,35 @@ def choose_reference(
     reference: MarkerTracks | ArrayLike | None,
     names: Sequence[str] | None,
 ) -> tuple[tuple[str, ...], FloatArray]:
-    """Names of the reference markers and their positions in head coordinates."""
+    """Choose the reference markers.
+
+    Parameters
+    ----------
+    recording
+        Recording whose head motion is estimated.
+    reference
+        Reference pose: tracks, or positions ``(markers, 3)``, millimetres, or None for the
+        recording's own shape.
+    names
+        Names of the reference markers; None to choose them automatically.
+
+    Returns
+    -------
+    names : tuple of str
+        Markers that both recording and reference have.
+    shape : ndarray
+        Their positions in head coordinates, ``(markers, 3)``, millimetres.
+
+    Raises
+    ------
+    DataError
+        If fewer than three markers can be used.
+
+    Warns
+    -----
+    MocapFitWarning
+        If markers are left out or were chosen automatically.
+    """
     if names is not None and len(set(names)) != len(names):
         raise DataError("a reference marker is named twice", found=", ".join(names))
     if reference is not None and not isinstance(reference, MarkerTracks):
@@ -234,6 +276,7 @@ def compute_median_pose(reference: MarkerTracks) -> dict[str, FloatArray]:
 
 
 def _choose_markers(recording: MarkerTracks) -> tuple[str, ...]:
+    """Choose reference markers automatically, with a warning."""
     chosen = find_reference_markers(recording)
     if len(chosen) < len(recording.names):
         warnings.warn(
@@ -246,7 +289,22 @@ def _choose_markers(recording: MarkerTracks) -> tuple[str, ...]:
 
 
 def check_sizes(names: Sequence[str], shape: FloatArray, positions: FloatArray) -> None:
-    """Refuse a recording whose unit is not the reference pose's, by some of its frames."""
+    """Refuse a recording whose unit differs from that of the reference pose.
+
+    Parameters
+    ----------
+    names
+        Names of the reference markers.
+    shape
+        Reference pose, ``(markers, 3)``, millimetres.
+    positions
+        Reference markers in the recording, ``(frames, markers, 3)``, millimetres.
+
+    Raises
+    ------
+    DataError
+        If the median ratio of their distances is not between 0.5 and 2.
+    """
     sample = sample_evenly(positions, _SAMPLE)
     first, second = np.triu_indices(len(names), 1)
     distances = np.linalg.norm(sample[:, first] - sample[:, second], axis=2)

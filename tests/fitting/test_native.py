@@ -173,7 +173,7 @@ def test_what_was_solved_before_does_not_count(
 def test_newton_alone_where_it_is_not_to_be_had(binding: Binding, make_tracks, some_values):
     """With a refined pose another solver does it, and says so."""
     whole = make_tracks(binding, some_values)
-    with pytest.warns(MocapFitWarning, match="'newton' is not to be had"):
+    with pytest.warns(MocapFitWarning, match="'newton' is not available"):
         fit = fit_shape(binding, whole, solver="newton", objective="squares", refine_pose=True)
     np.testing.assert_allclose(fit.parameters.values[0], some_values, atol=1e-4)
 
