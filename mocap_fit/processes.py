@@ -1,8 +1,8 @@
-"""Work on many items over processes of this machine.
+"""Work on many items in processes of this machine.
 
-The work is a function at the top of a module, ``work(shared, item, told)``; ``told(done, of)``
-takes how far the item is. Results come as ``(index, result)`` when items are done, in any order,
-with a bounded number of items under way, so that memory does not grow with how many there are.
+The work is a function at the top of a module, ``work(shared, item, progress)``; it may call
+``progress(done, total)``. Results come as ``(index, result)`` when items are done, in any order,
+with a bounded number of items in progress, so that memory does not grow with their number.
 """
 
 from __future__ import annotations
@@ -23,27 +23,33 @@ from functools import partial
 from typing import Any
 
 Work = Callable[[Any, Any, Callable[[int, int], object]], Any]
-Told = Callable[[int, int, int], object]
+Progress = Callable[[int, int, int], object]
 Results = Generator[tuple[int, Any], None, None]
 
-# How often who waits looks how far the processes are, in seconds.
+# Seconds between two looks at the progress of the processes.
 _POLL = 0.2
-# Windows waits for no more than this many processes.
+# Windows cannot wait for more processes than this.
 _MOST_PROCESSES = 60
 
 
 @dataclass(frozen=True)
-class Died:
-    """In place of a result: the process that worked on the item is gone."""
+class DeadProcess:
+    """The result of an item whose process ended without one.
+
+    Parameters
+    ----------
+    reason
+        What probably happened, for a message.
+    """
 
     reason: str
 
 
 def limit_threads() -> None:
-    """Let libraries use one thread a process, those that are not loaded yet.
+    """Make libraries that are not loaded yet use one thread a process.
 
-    The matrices of a frame are small, and processes would fight for the cores. Processes that
-    are started later inherit it.
+    The matrices of a frame are small, and processes would compete for the cores. Processes that
+    are started later inherit the setting.
     """
     for library in ("OMP", "OPENBLAS", "MKL", "VECLIB_MAXIMUM"):
         os.environ[f"{library}_NUM_THREADS"] = "1"
@@ -51,61 +57,88 @@ def limit_threads() -> None:
     os.environ["JE_ARROW_MALLOC_CONF"] = "background_thread:false"
 
 
-def available_processes() -> int:
-    """How many processes can work at once on this machine."""
+def count_cores() -> int:
+    """Return how many processes can work at once on this machine.
+
+    Returns
+    -------
+    int
+        Number of cores that this process may use.
+    """
     usable = getattr(os, "sched_getaffinity", None)
     return len(usable(0)) if usable is not None else os.cpu_count() or 1
 
 
-def on_this_machine(
-    work: Work, shared: Any, items: Sequence[Any], jobs: int, told: Told
+def run_locally(
+    work: Work, shared: Any, items: Sequence[Any], jobs: int, progress: Progress
 ) -> Results:
-    """Work over as many processes as are wanted and of use: 0 for one a core.
+    """Work on items in as many processes as are wanted and useful, or in this one.
 
-    The rest is as for `over_processes`.
+    Parameters
+    ----------
+    work
+        A function at the top of a module, ``work(shared, item, progress)``.
+    shared
+        What the work on all items needs.
+    items
+        What is worked on.
+    jobs
+        Number of processes; 0 for one a core, 1 for this process.
+    progress
+        Called now and then with an item's index, how much of it is done, and of how much.
+
+    Returns
+    -------
+    generator
+        Of index and result; `DeadProcess` where the process that worked on it ended without one.
     """
-    processes = min(jobs or available_processes(), len(items))
+    processes = min(jobs or count_cores(), len(items))
     if processes > 1:
-        return over_processes(work, shared, items, processes, told)
-    # One is of no use beside this one, which then works itself.
-    return ((index, work(shared, item, partial(told, index))) for index, item in enumerate(items))
+        return run_in_processes(work, shared, items, processes, progress)
+    return (
+        (index, work(shared, item, partial(progress, index))) for index, item in enumerate(items)
+    )
 
 
-def over_processes(
+def run_in_processes(
     work: Work,
     shared: Any,
     items: Iterable[Any],
     jobs: int,
-    told: Told,
+    progress: Progress,
     *,
     copies: bool = True,
     in_order: bool = False,
 ) -> Results:
-    """Work over processes of this machine.
+    """Work on items in other processes of this machine.
 
     Parameters
     ----------
-    work, shared, items
-        What is done with what; what a process works with is its own, and changes nothing here.
+    work
+        A function at the top of a module, ``work(shared, item, progress)``.
+    shared
+        What the work on all items needs; every process has a copy, whose changes stay there.
+    items
+        What is worked on.
     jobs
-        How many processes.
-    told
+        Number of processes.
+    progress
         Called now and then with an item's index, how much of it is done, and of how much.
     copies
-        Whether processes may begin as copies of this one; OpenGL does not bear that.
+        Whether processes may begin as copies of this one, which OpenGL does not support.
     in_order
-        Whether results come in the order of the items, for who would have to hold large ones
-        that come early. A slow item then keeps the others waiting; and where a process died,
-        what it was at comes late.
+        Whether results come in the order of the items, so that large ones need not be stored. A
+        slow item then delays the others, and after the death of a process the item that it
+        worked on comes late.
 
     Yields
     ------
     tuple
-        Index and result; `Died` where the process that worked on it ended without one.
+        Index and result; `DeadProcess` where the process that worked on it ended without one.
 
     Notes
     -----
-    When a process dies it is not known on which item. Those that were under way are tried again,
+    When a process dies it is not known on which item. Those that were in progress are tried again,
     each by itself, and the one that kills its process again is the one.
     """
     waiting = deque(enumerate(items))
@@ -113,128 +146,138 @@ def over_processes(
     suspects: deque[tuple[int, Any]] = deque()
     while waiting or suspects:
         if not suspects:
-            suspects += yield from _in_a_pool(work, shared, waiting, jobs, told, copies, in_order)
+            suspects += yield from _run_pool(
+                work, shared, waiting, jobs, progress, copies, in_order
+            )
             continue
         alone = deque([suspects.popleft()])
-        for index, _ in (yield from _in_a_pool(work, shared, alone, 1, told, copies, in_order)):
-            yield index, Died("the process that worked on it was killed, or ran out of memory")
+        for index, _ in (yield from _run_pool(work, shared, alone, 1, progress, copies, in_order)):
+            yield (
+                index,
+                DeadProcess("the process that worked on it was killed, or ran out of memory"),
+            )
 
 
-def start_method() -> str:
-    """How processes begin: as copies of this one, or from nothing, which takes a second longer.
+def choose_start_method() -> str:
+    """Choose how processes begin: as copies of this one, or anew, which takes a second longer.
 
-    A copy has one thread, whatever the others were at, and waits forever for what one of them
-    held. So this process is copied only while it has no other; libraries have theirs too, which
-    Python does not count. On macOS the system's own libraries do not bear copying.
+    A copy has one thread only, and waits forever for a lock that another one held. So this
+    process is copied only while it has no other thread; those of libraries, which Python does not
+    count, are included. On macOS the libraries of the system do not support copying.
+
+    Returns
+    -------
+    str
+        ``fork`` or ``spawn``.
     """
     if sys.platform == "linux" and len(os.listdir("/proc/self/task")) == 1:
         return "fork"
     return "spawn"
 
 
-def _in_a_pool(
+def _run_pool(
     work: Work,
     shared: Any,
     waiting: deque[tuple[int, Any]],
     jobs: int,
-    told: Told,
+    progress: Progress,
     copies: bool,
     in_order: bool,
 ) -> Generator[tuple[int, Any], None, list[tuple[int, Any]]]:
-    """Work on what is waiting until all is done or a process dies; returns what it left."""
-    method = start_method() if copies else "spawn"
+    """Work on waiting items until all are done or a process dies; return the unfinished ones."""
+    method = choose_start_method() if copies else "spawn"
     context = multiprocessing.get_context(method)
     jobs = min(jobs, len(waiting))
-    # More items than processes, so that none waits for us.
-    places = list(range(2 * jobs))
-    how_far = context.RawArray("q", 2 * len(places))
+    # More items than processes, so that no process waits. Each item in progress has a slot.
+    slots = list(range(2 * jobs))
+    counts = context.RawArray("q", 2 * len(slots))
     others = set(multiprocessing.active_children())
-    given, outbox = (shared, None) if method == "fork" else _by_post(context)
+    source, sender = (shared, None) if method == "fork" else _open_pipe(context)
     pool = ProcessPoolExecutor(
-        jobs, mp_context=context, initializer=_begin, initargs=(work, given, how_far)
+        jobs, mp_context=context, initializer=_begin, initargs=(work, source, counts)
     )
-    under_way: dict[Future[Any], tuple[int, int, Any]] = {}
+    in_progress: dict[Future[Any], tuple[int, int, Any]] = {}
     lost: list[tuple[int, Any]] = []
     complete = False
     try:
-        while (waiting and not lost) or under_way:
-            while waiting and places and not lost:
-                place = places.pop()
-                how_far[2 * place] = how_far[2 * place + 1] = 0
+        while (waiting and not lost) or in_progress:
+            while waiting and slots and not lost:
+                slot = slots.pop()
+                counts[2 * slot] = counts[2 * slot + 1] = 0
                 try:
-                    with _without_interrupt():
-                        future = pool.submit(_work_at, place, waiting[0][1])
+                    with _block_interrupt():
+                        future = pool.submit(_run_item, slot, waiting[0][1])
                 except BrokenProcessPool:
                     lost.append(waiting.popleft())
                 else:
-                    under_way[future] = (place, *waiting.popleft())
-            if outbox is not None:
-                _send(shared, jobs, given, outbox)
-                outbox = None
-            # What is done and not yet asked for has its place still: no more are begun.
-            wanted = list(under_way)[:1] if in_order else list(under_way)
+                    in_progress[future] = (slot, *waiting.popleft())
+            if sender is not None:
+                _send(shared, jobs, source, sender)
+                sender = None
+            # A result that was not fetched yet still has its slot: no more items are begun.
+            wanted = list(in_progress)[:1] if in_order else list(in_progress)
             done, _ = wait(wanted, timeout=_POLL, return_when=FIRST_COMPLETED)
-            for future in sorted(done, key=lambda future: under_way[future][1]):
-                place, index, item = under_way.pop(future)
-                places.append(place)
+            for future in sorted(done, key=lambda future: in_progress[future][1]):
+                slot, index, item = in_progress.pop(future)
+                slots.append(slot)
                 try:
                     result = future.result()
                 except BrokenProcessPool:
                     lost.append((index, item))
                 else:
                     yield index, result
-            for place, index, _ in under_way.values():
-                told(index, how_far[2 * place], how_far[2 * place + 1])
+            for slot, index, _ in in_progress.values():
+                progress(index, counts[2 * slot], counts[2 * slot + 1])
         complete = True
     finally:
         if not complete:
             for process in set(multiprocessing.active_children()) - others:
                 process.terminate()
         pool.shutdown(wait=True, cancel_futures=True)
-        if outbox is not None:
-            outbox.close()
+        if sender is not None:
+            sender.close()
     return sorted(lost, key=lambda pair: pair[0])
 
 
 @dataclass(frozen=True)
-class _Inbox:
-    """Where processes that are not copies of this one get what they work with.
+class _Receiver:
+    """The end of a pipe at which processes that are not copies of this one receive shared data.
 
-    Who starts a process waits until it has read what it begins with, so that this is little; and
-    until 3.12 Python hangs where one dies while another is being started, so that none works
-    before all are there.
+    A process that is started is sent little, because whoever starts it waits until it has read
+    that; and until 3.12 Python hangs where one dies while another is being started, so that no
+    process works before all have started.
     """
 
     pipe: Any
-    one_at_a_time: Any
+    lock: Any
 
-    def take(self) -> Any:
-        with self.one_at_a_time:
+    def receive(self) -> Any:
+        with self.lock:
             return self.pipe.recv()
 
 
-def _by_post(context: Any) -> tuple[_Inbox, Any]:
-    """Return where processes take, and where we put."""
-    pipe, outbox = context.Pipe(duplex=False)
-    return _Inbox(pipe, context.Lock()), outbox
+def _open_pipe(context: Any) -> tuple[_Receiver, Any]:
+    """Return the ends of a pipe at which processes receive, and this one sends."""
+    pipe, sender = context.Pipe(duplex=False)
+    return _Receiver(pipe, context.Lock()), sender
 
 
-def _send(shared: Any, processes: int, inbox: _Inbox, outbox: Any) -> None:
-    """Give each process what it works with, and wait until all have it.
+def _send(shared: Any, processes: int, receiver: _Receiver, sender: Any) -> None:
+    """Send shared data to every process, and wait until all have it.
 
-    Not by a queue of multiprocessing: its thread may still be tidying up when the program ends,
-    and Python then says that something was left behind.
+    A queue of multiprocessing would not do: its thread may still be running when the program
+    ends, and Python then warns of leaked resources.
     """
-    # Now they alone hold the end that reads: when they are gone, we are told and do not wait.
-    inbox.pipe.close()
-    with outbox, contextlib.suppress(BrokenPipeError):
+    # From now on the processes alone hold the reading end: sending fails when all have ended.
+    receiver.pipe.close()
+    with sender, contextlib.suppress(BrokenPipeError):
         for _ in range(processes):
-            outbox.send(shared)
+            sender.send(shared)
 
 
 @contextlib.contextmanager
-def _without_interrupt() -> Iterator[None]:
-    """Start processes that Ctrl-C does not reach: who started them ends them."""
+def _block_interrupt() -> Iterator[None]:
+    """Start processes that Ctrl-C does not reach; this process ends them."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -245,31 +288,31 @@ def _without_interrupt() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-# What a process of the pool works with; set once, when it begins.
-_own: dict[str, Any] = {}
+# Work, shared data and counts of a process of the pool; set once, when it begins.
+_state: dict[str, Any] = {}
 
 
-def _begin(work: Work, given: Any, how_far: Any) -> None:
+def _begin(work: Work, source: Any, counts: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # What there is already is there to stay: nothing is looked for in it, and copies share it.
+    # Existing objects are never collected, so that copies go on sharing their memory.
     gc.freeze()
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    shared = given.take() if isinstance(given, _Inbox) else given
-    _own.update(work=work, shared=shared, how_far=how_far)
+    shared = source.receive() if isinstance(source, _Receiver) else source
+    _state.update(work=work, shared=shared, counts=counts)
 
 
 def _end_with_parent() -> None:
-    """Leave no process behind when the one that started it is killed."""
+    """End this process when the one that started it is killed."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
         os._exit(1)
 
 
-def _work_at(place: int, item: Any) -> Any:
-    how_far = _own["how_far"]
+def _run_item(slot: int, item: Any) -> Any:
+    counts = _state["counts"]
 
-    def told(done: int, of: int) -> None:
-        how_far[2 * place], how_far[2 * place + 1] = done, of
+    def report_progress(done: int, total: int) -> None:
+        counts[2 * slot], counts[2 * slot + 1] = done, total
 
-    return _own["work"](_own["shared"], item, told)
+    return _state["work"](_state["shared"], item, report_progress)

@@ -16,25 +16,25 @@ from mocap_fit import processes
 # Work for processes: it must be found by name, and so stands at the top of the module.
 
 
-def square(shared, item, told):
-    told(1, 2)
+def square(shared, item, progress):
+    progress(1, 2)
     return shared + item * item, os.getpid()
 
 
-def die_at_three(shared, item, told):
+def die_at_three(shared, item, progress):
     if item == 3:
         os._exit(9)
     return item
 
 
-def fail_at_three(shared, item, told):
+def fail_at_three(shared, item, progress):
     if item == 3:
         raise ZeroDivisionError("three")
     time.sleep(60 if item > 3 else 0)
     return item
 
 
-def first_is_slow(begun, item, told):
+def first_is_slow(begun, item, progress):
     (begun / str(item)).touch()
     time.sleep(1.0 if item == 0 else 0.0)
     return item
@@ -46,7 +46,7 @@ def ignore(index, done, of):
 
 class TestProcesses:
     def test_each_item_is_done_once_by_other_processes(self):
-        results = dict(processes.over_processes(square, 100, range(9), 2, ignore))
+        results = dict(processes.run_in_processes(square, 100, range(9), 2, ignore))
         assert {i: result for i, (result, _) in results.items()} == {
             i: 100 + i * i for i in range(9)
         }
@@ -65,12 +65,12 @@ class TestProcesses:
     def test_fewer_items_than_processes(self, nothing_left_behind):
         """What was meant for a process that is not needed would fill a pipe."""
         large = np.zeros(400_000)
-        results = dict(processes.over_processes(square, large, range(2), 4, ignore))
+        results = dict(processes.run_in_processes(square, large, range(2), 4, ignore))
         assert [results[i][0][-1] for i in range(2)] == [0, 1]
 
     def test_in_order_no_more_are_begun_than_are_under_way(self, tmp_path):
         """Who asks for results in order then holds few."""
-        results = processes.over_processes(
+        results = processes.run_in_processes(
             first_is_slow, tmp_path, range(12), 2, ignore, in_order=True
         )
         assert next(results) == (0, 0)
@@ -80,9 +80,9 @@ class TestProcesses:
     def test_an_item_that_kills_its_process_is_named_and_the_others_are_done(
         self, nothing_left_behind
     ):
-        results = dict(processes.over_processes(die_at_three, None, range(6), 2, ignore))
+        results = dict(processes.run_in_processes(die_at_three, None, range(6), 2, ignore))
         assert sorted(results) == list(range(6))
-        dead = {i for i, result in results.items() if isinstance(result, processes.Died)}
+        dead = {i for i, result in results.items() if isinstance(result, processes.DeadProcess)}
         assert dead == {3}
         assert "killed" in results[3].reason
         assert [results[i] for i in (0, 1, 2, 4, 5)] == [0, 1, 2, 4, 5]
@@ -90,7 +90,7 @@ class TestProcesses:
     def test_a_mistake_of_ours_ends_the_work_at_once(self, nothing_left_behind):
         began = time.monotonic()
         with pytest.raises(ZeroDivisionError, match="three"):
-            list(processes.over_processes(fail_at_three, None, range(20), 2, ignore))
+            list(processes.run_in_processes(fail_at_three, None, range(20), 2, ignore))
         assert time.monotonic() - began < 30
 
 
@@ -101,7 +101,7 @@ from mocap_fit import processes
 
 loaded_here = []
 
-def work(shared, item, told):
+def work(shared, item, progress):
     if item == 3:
         os._exit(9)
     return shared + item, len(loaded_here)
@@ -109,8 +109,8 @@ def work(shared, item, told):
 if __name__ == "__main__":
     loaded_here.append("before the processes began")
     for count in (3, 6):
-        results = dict(processes.over_processes(work, 100, range(count), 2, lambda *how_far: None))
-        died = [i for i, result in results.items() if isinstance(result, processes.Died)]
+        results = dict(processes.run_in_processes(work, 100, range(count), 2, lambda *how_far: None))
+        died = [i for i, result in results.items() if isinstance(result, processes.DeadProcess)]
         print(json.dumps([died, [results[i] for i in range(count) if i not in died]]))
 """
 
@@ -119,11 +119,11 @@ from mocap_fit import processes
 processes.limit_threads()
 from corpus_tools import convert, fit
 import mocap_fit.fitting.compiled_solver, pandas, pyarrow.parquet, threading
-found = [processes.start_method()]
+found = [processes.choose_start_method()]
 over = threading.Event()
 thread = threading.Thread(target=over.wait)
 thread.start()
-found.append(processes.start_method())
+found.append(processes.choose_start_method())
 over.set()
 print(*found)
 """

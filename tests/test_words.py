@@ -101,7 +101,6 @@ PENDING = (
     "mocap_fit/io",
     "mocap_fit/labels",
     "mocap_fit/phones",
-    "mocap_fit/processes.py",
     "mocap_fit/render",
     "mocap_fit/synthesis",
 )

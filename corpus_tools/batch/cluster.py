@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from mocap_fit.errors import ConfigurationError, MissingExtraError
-from mocap_fit.processes import Died, Results, Work
+from mocap_fit.processes import DeadProcess, Results, Work
 
 # Seconds within which a scheduler and its workers must answer.
 _PATIENCE = 8
@@ -24,7 +24,7 @@ def over_cluster(
     Parameters
     ----------
     work, shared
-        As for `over_processes`; ``shared`` is sent to each worker once.
+        As for `run_in_processes`; ``shared`` is sent to each worker once.
     items
         Taken one by one as there is room, so they may be made when they are asked for.
     address
@@ -35,7 +35,7 @@ def over_cluster(
     Yields
     ------
     tuple
-        Index and result; `Died` where the cluster lost it.
+        Index and result; `DeadProcess` where the cluster lost it.
 
     Raises
     ------
@@ -144,4 +144,4 @@ def _result(distributed: Any, future: Any) -> Any:
         error = future.exception()
         if not isinstance(error, distributed.scheduler.KilledWorker):
             raise error
-    return Died("the cluster lost the worker that worked on it")
+    return DeadProcess("the cluster lost the worker that worked on it")

@@ -28,7 +28,7 @@ from corpus_tools.conversion.utterance import (
 from mocap_fit._version import __version__
 from mocap_fit.errors import ConfigurationError, MocapFitError, describe_error
 from mocap_fit.phones import list_phone_sets
-from mocap_fit.processes import Died, on_this_machine
+from mocap_fit.processes import DeadProcess, run_locally
 
 MANIFEST = "manifest.toml"
 
@@ -135,10 +135,10 @@ def _convert_all(
         if cluster is not None:
             results = _on_cluster(task, items, cluster)
         else:
-            results = on_this_machine(convert_here, task, items, jobs, meter.told)
+            results = run_locally(convert_here, task, items, jobs, meter.told)
         with contextlib.closing(results):
             for index, result in results:
-                if isinstance(result, Died):
+                if isinstance(result, DeadProcess):
                     result = Outcome({}, f"it was not converted: {result.reason}")
                 if result.traceback is not None:
                     console.show_traceback(result.traceback)
@@ -157,7 +157,7 @@ def _size(root: Path, job: Job) -> int:
 
 def _on_cluster(
     task: Task, jobs: Sequence[Job], address: str
-) -> Generator[tuple[int, Outcome | Died], None, None]:
+) -> Generator[tuple[int, Outcome | DeadProcess], None, None]:
     """Send the files' content to a cluster, and write what comes back."""
     here: dict[int, Outcome] = {}
     places: list[int] = []

@@ -32,7 +32,7 @@ from mocap_fit.atomic_file import make_folder
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.fitting.speaker import fit_speaker
 from mocap_fit.io import READERS
-from mocap_fit.processes import Died, on_this_machine
+from mocap_fit.processes import DeadProcess, run_locally
 
 
 def expand(paths: Sequence[Path]) -> list[Path]:
@@ -177,10 +177,10 @@ def _fit_all(
         if cluster is not None:
             results = _on_cluster(task, pairs, cluster)
         else:
-            results = on_this_machine(fit_here, task, pairs, jobs, meter.told)
+            results = run_locally(fit_here, task, pairs, jobs, meter.told)
         with contextlib.closing(results):
             for index, result in results:
-                if isinstance(result, Died):
+                if isinstance(result, DeadProcess):
                     result = Outcome(
                         {"error": f"{files[index]}: it was not fitted: {result.reason}"}
                     )
@@ -212,7 +212,7 @@ def _tell(outcome: Outcome, file: Path) -> None:
 
 def _on_cluster(
     task: Task, pairs: Sequence[tuple[Path, Path]], address: str
-) -> Generator[tuple[int, Outcome | Died], None, None]:
+) -> Generator[tuple[int, Outcome | DeadProcess], None, None]:
     """Send the recordings' content to a cluster, and write what comes back."""
     here: dict[int, Outcome] = {}
     places: list[int] = []

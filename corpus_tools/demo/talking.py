@@ -18,7 +18,7 @@ from mocap_fit import control
 from mocap_fit.control import ControlModel
 from mocap_fit.corpus import Corpus, open_corpus
 from mocap_fit.evaluation import Evaluation, evaluate
-from mocap_fit.processes import available_processes
+from mocap_fit.processes import count_cores
 from mocap_fit.tracks import ParameterTracks
 
 SENTENCES = 40
@@ -175,6 +175,6 @@ def _film(path: Path, heads: dict[str, ParameterTracks], shown: Any) -> None:
             subtitles=True,
             curves=("jaw_rotation", "lip_rounding"),
             blinks=True,
-            jobs=min(2, available_processes()),
+            jobs=min(2, count_cores()),
             progress=lambda *_: advance(),
         )

@@ -16,7 +16,7 @@ from mocap_fit.errors import ConfigurationError, FileFormatError
 from mocap_fit.face import load_face
 from mocap_fit.face.rig import Rig
 from mocap_fit.phones import PhoneSequence, PhoneSet, list_phone_sets, load_phone_set
-from mocap_fit.processes import available_processes
+from mocap_fit.processes import count_cores
 from mocap_fit.sound import Sound, read_sound
 from mocap_fit.tracks import MarkerTracks, ParameterTracks
 
@@ -168,7 +168,7 @@ def run(
             blinks=look.blinks,
             head_motion=look.head_motion,
             seed=look.seed,
-            jobs=jobs or min(available_processes(), 1 + pictures // _FRAMES_A_PROCESS),
+            jobs=jobs or min(count_cores(), 1 + pictures // _FRAMES_A_PROCESS),
             progress=lambda done, of: advance(),
         )
     report = {

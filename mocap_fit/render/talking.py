@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mocap_fit.errors import DataError
 from mocap_fit.face.rig import Rig
-from mocap_fit.processes import Died, over_processes
+from mocap_fit.processes import DeadProcess, run_in_processes
 from mocap_fit.render.liveliness import Liveliness, LivelyFace
 from mocap_fit.render.scene import FaceScene, View
 from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks
@@ -117,7 +117,7 @@ def drawn(talk: Talk, jobs: int = 1) -> Iterator[list[list[Image]]]:
     batches = [
         range(talk.frames)[first : first + _BATCH] for first in range(0, talk.frames, _BATCH)
     ]
-    results = over_processes(
+    results = run_in_processes(
         _draw, talk, batches, jobs, lambda *how_far: None, copies=False, in_order=True
     )
     # Those that come before one whose process died.
@@ -125,7 +125,7 @@ def drawn(talk: Talk, jobs: int = 1) -> Iterator[list[list[Image]]]:
     following = 0
     with closing(results):
         for index, pictures in results:
-            if isinstance(pictures, Died):
+            if isinstance(pictures, DeadProcess):
                 raise DataError(
                     "a process that draws was killed, or ran out of memory",
                     advice="Draw in fewer processes, or smaller pictures.",
