@@ -109,7 +109,7 @@ def join_pieces(
         good = _compute_areas(points, triangles) > _NO_AREA
         dropped += int((~good).sum())
         triangles = triangles[good]
-        if len(triangles) and _compute_volume(points, triangles) < 0:
+        if len(triangles) and _is_inside_out(points, triangles):
             inwards += 1
             triangles = triangles[:, ::-1]
         all_triangles.append(triangles + vertex)
@@ -157,10 +157,11 @@ def _compute_areas(vertices: FloatArray, triangles: IndexArray) -> FloatArray:
     return np.asarray(0.5 * np.linalg.norm(across, axis=1))
 
 
-def _compute_volume(vertices: FloatArray, triangles: IndexArray) -> float:
-    """Volume between a surface and its middle; negative where it is seen from inside."""
+def _is_inside_out(vertices: FloatArray, triangles: IndexArray) -> bool:
+    """Return whether the volume between a surface and its middle is negative."""
     corners = vertices[triangles] - vertices[np.unique(triangles)].mean(axis=0)
-    return float(np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6)
+    sixfold = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    return bool(sixfold < 0)
 
 
 def _count_crowded_edges(triangles: IndexArray) -> int:

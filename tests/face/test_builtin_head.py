@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import os
+import shutil
 import stat
 import subprocess
 import sys
@@ -19,7 +20,7 @@ from mocap_fit.face.builtin.cache import (
     load_mesh,
     save_mesh,
 )
-from mocap_fit.face.mesh import Mesh
+from mocap_fit.face.mesh import Material, Mesh, Part
 
 FACES = Path(__file__).parents[2] / "fixtures" / "faces"
 PARTS = (
@@ -436,22 +437,48 @@ def assert_same(one: Mesh, other: Mesh) -> None:
         np.testing.assert_array_equal(one.regions[name], other.regions[name])
 
 
-def test_cached_head_is_the_built_head(head, cache):
-    first = load_built_in_head()
-    kept = list(cache.iterdir())
-    assert len(kept) == 1
-    assert kept[0].suffix == ".npz"
-    second = load_built_in_head()
-    assert_same(first, head)
-    assert_same(second, head)
+@pytest.fixture(scope="module")
+def cached(tmp_path_factory) -> Path:
+    """The one file that the first use of the head leaves in the cache."""
+    folder = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as environment:
+        environment.setenv("MOCAP_FIT_CACHE", str(folder))
+        load_built_in_head()
+    (path,) = folder.iterdir()
+    return path
 
 
-def test_the_cache_is_really_read(head, cache):
-    load_built_in_head()
-    (path,) = cache.iterdir()
+@pytest.fixture
+def in_cache(cached, cache) -> Path:
+    cache.mkdir()
+    return Path(shutil.copy(cached, cache))
+
+
+def test_cached_head_is_the_built_head(head, in_cache):
+    before = in_cache.stat()
+    assert in_cache.suffix == ".npz"
+    assert_same(load_built_in_head(), head)
+    assert in_cache.stat().st_mtime_ns == before.st_mtime_ns
+
+
+def test_the_cache_is_really_read(head, in_cache):
     marked = head.replace_vertices(head.vertices + 1.0)
-    assert save_mesh(marked, path)
+    assert save_mesh(marked, in_cache)
     assert load_built_in_head().vertices.tobytes() == marked.vertices.tobytes()
+    assert load_built_in_head(use_cache=False).vertices.tobytes() == head.vertices.tobytes()
+
+
+def test_a_mesh_without_colours_is_cached_too(tmp_path):
+    material = Material((0.1, 0.2, 0.3), 0.4, 5.0)
+    parts = (Part("skin", range(3), range(1), material), Part("eye", range(3, 4), range(1, 1)))
+    mesh = Mesh(np.eye(4, 3), np.array([[0, 1, 2]]), parts, {"lip": np.array([1])}, {"8.1": 2})
+    assert save_mesh(mesh, tmp_path / "new" / "mesh.npz")
+    other = load_mesh(tmp_path / "new" / "mesh.npz")
+    assert other.parts == parts
+    assert other.colours is None
+    assert dict(other.feature_points) == {"8.1": 2}
+    assert other.get_region("lip").tolist() == [1]
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["mesh.npz"]
 
 
 def test_loading_from_the_cache_imports_no_scipy(cache):
@@ -476,14 +503,16 @@ def test_loading_from_the_cache_imports_no_scipy(cache):
     ],
     ids=["empty", "text", "cut off", "overwritten"],
 )
-def test_a_damaged_cache_is_rebuilt(head, cache, damage):
-    load_built_in_head()
-    (path,) = cache.iterdir()
-    good = path.read_bytes()
-    path.write_bytes(damage(good))
-    assert load_mesh(path) is None
+def test_a_damaged_cache_is_not_used(in_cache, damage):
+    in_cache.write_bytes(damage(in_cache.read_bytes()))
+    assert load_mesh(in_cache) is None
+
+
+def test_a_damaged_cache_is_rebuilt(head, in_cache):
+    good = in_cache.read_bytes()
+    in_cache.write_bytes(good[: len(good) // 2])
     assert_same(load_built_in_head(), head)
-    assert path.read_bytes() == good
+    assert in_cache.read_bytes() == good
 
 
 @pytest.mark.skipif(os.name == "nt", reason="permissions work otherwise on Windows")

@@ -461,10 +461,18 @@ BAD = {
     "ply that names a vertex too many": (
         "a.ply",
         lambda p: p.write_text(
-            ply_header("ascii", 3, 1) + "0 0 0 9\n100 0 0 9\n0 100 0 9\n3 0 1 7 0"
+            ply_header("ascii", 3, 1) + "0 0 0 9\n100 0 0 9\n0 100 0 9\n3 0 1 3 0"
         ),
         DataError,
-        "not there",
+        "not there .*found 3, expected 0 to 2",
+    ),
+    "ply that names a vertex below 0": (
+        "a.ply",
+        lambda p: p.write_text(
+            ply_header("ascii", 3, 1) + "0 0 0 9\n100 0 0 9\n0 100 0 9\n3 0 1 -1 0"
+        ),
+        DataError,
+        "not there .*found -1, expected 0 to 2",
     ),
     "ply of points": ("a.ply", points_ply, DataError, "no triangles"),
 }

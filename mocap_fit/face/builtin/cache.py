@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import os
 import sys
-import tempfile
 import zipfile
 import zlib
+from dataclasses import astuple
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit._version import __version__
+from mocap_fit.atomic_file import make_folder, write_atomically
 from mocap_fit.errors import MocapFitError
 from mocap_fit.face.mesh import Material, Mesh, Part
 
@@ -99,9 +99,7 @@ def save_mesh(mesh: Mesh, path: Path) -> bool:
                 "name": part.name,
                 "vertices": [part.vertices.start, part.vertices.stop],
                 "triangles": [part.triangles.start, part.triangles.stop],
-                "colour": part.material.colour,
-                "specular": part.material.specular,
-                "specular_power": part.material.specular_power,
+                "material": astuple(part.material),
             }
             for part in mesh.parts
         ],
@@ -115,17 +113,11 @@ def save_mesh(mesh: Mesh, path: Path) -> bool:
     arrays |= {"vertices": mesh.vertices, "triangles": mesh.triangles, "about": text}
     if mesh.colours is not None:
         arrays["colours"] = mesh.colours
-    temporary: str | None = None
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        with os.fdopen(handle, "wb") as file:
+        make_folder(path.parent)
+        with write_atomically(path) as partial, partial.open("wb") as file:
             np.savez(file, allow_pickle=False, **arrays)
-        os.replace(temporary, path)
-    except OSError:
-        if temporary is not None:
-            with contextlib.suppress(OSError):
-                os.unlink(temporary)
+    except MocapFitError:
         return False
     return True
 
@@ -154,7 +146,7 @@ def load_mesh(path: Path) -> Mesh | None:
                         part["name"],
                         range(*part["vertices"]),
                         range(*part["triangles"]),
-                        Material(tuple(part["colour"]), part["specular"], part["specular_power"]),
+                        Material(tuple(part["material"][0]), *part["material"][1:]),
                     )
                     for part in about["parts"]
                 ),
