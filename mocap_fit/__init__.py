@@ -20,6 +20,7 @@ _HOMES: dict[str, str] = {
     "read_tracks": "mocap_fit.io",
     "read_phones": "mocap_fit.labels",
     "load_sample": "mocap_fit.io",
+    "write_tracks": "mocap_fit.io",
     "open_corpus": "mocap_fit.corpus",
     "remove_head_motion": "mocap_fit.head",
     "load_face": "mocap_fit.face",
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from mocap_fit.head import remove_head_motion as remove_head_motion
     from mocap_fit.io import load_sample as load_sample
     from mocap_fit.io import read_tracks as read_tracks
+    from mocap_fit.io import write_tracks as write_tracks
     from mocap_fit.labels import read_phones as read_phones
     from mocap_fit.render import render_movie as render_movie
     from mocap_fit.sound import read_sound as read_sound

@@ -98,9 +98,7 @@ PENDING = (
     "mocap_fit/control/cart",
     "mocap_fit/control/rule_",
     "mocap_fit/evaluation",
-    "mocap_fit/io",
     "mocap_fit/labels",
-    "mocap_fit/phones",
     "mocap_fit/render",
     "mocap_fit/synthesis",
 )

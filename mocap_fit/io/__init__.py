@@ -1,4 +1,4 @@
-"""Readers of recordings, one module a format, found through a registry; writers."""
+"""Readers of recordings, one module a format, found through a registry; writers; samples."""
 
 from mocap_fit.io.qualisys_tsv_writer import write_qualisys_tsv
 from mocap_fit.io.readers import (
@@ -11,7 +11,7 @@ from mocap_fit.io.readers import (
     read_tracks,
 )
 from mocap_fit.io.samples import load_sample
-from mocap_fit.io.stretches import read_stretches, reads_in_stretches
+from mocap_fit.io.writers import write_tracks
 
 __all__ = [
     "READERS",
@@ -21,8 +21,7 @@ __all__ = [
     "load_sample",
     "read",
     "read_poses",
-    "read_stretches",
     "read_tracks",
-    "reads_in_stretches",
     "write_qualisys_tsv",
+    "write_tracks",
 ]

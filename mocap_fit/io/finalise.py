@@ -1,8 +1,7 @@
-"""What every reader does last: tracks with the file's name, checked, with their first step."""
+"""The last step of every reader: checked tracks with the name of the file and their provenance."""
 
 from __future__ import annotations
 
-import dataclasses
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,50 +10,44 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_fit.errors import (
-    DataError,
-    FileFormatError,
-    MocapFitWarning,
-    add_path,
-)
-from mocap_fit.tracks import Event, FloatArray, MarkerTracks, PoseTracks
+from mocap_fit.errors import DataError, FileFormatError, MocapFitWarning, add_path
+from mocap_fit.tracks import Event, FloatArray, Tracks
 
-MILLIMETRES = {
-    "mm": 1.0,
-    "millimeter": 1.0,
-    "millimeters": 1.0,
-    "millimetre": 1.0,
-    "millimetres": 1.0,
-    "cm": 10.0,
-    "centimeter": 10.0,
-    "centimeters": 10.0,
-    "centimetre": 10.0,
-    "centimetres": 10.0,
+_MILLIMETRES = {
+    **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), 1.0),
+    **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), 10.0),
     "dm": 100.0,
-    "m": 1000.0,
-    "meter": 1000.0,
-    "meters": 1000.0,
-    "metre": 1000.0,
-    "metres": 1000.0,
-    "in": 25.4,
-    "inch": 25.4,
-    "inches": 25.4,
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1000.0),
+    **dict.fromkeys(("in", "inch", "inches"), 25.4),
     "ft": 304.8,
     "um": 0.001,
 }
-"""Millimetres in a unit of length, by the unit's name in lower case."""
 
 _FARTHEST = 1e7
 """Millimetres: no marker is ten kilometres away."""
 
 _SMALLEST = 2.0
-"""Millimetres: three or more markers that never spread so far are probably given in metres."""
+"""Millimetres: three or more markers that never spread so far are probably in metres."""
 
-_AnyTracks = TypeVar("_AnyTracks", MarkerTracks, PoseTracks)
+_AnyTracks = TypeVar("_AnyTracks", bound=Tracks)
 
 
-def millimetres(unit: str, *, path: Path, line: int | None = None) -> float:
-    """Millimetres in one of a unit of length.
+def get_millimetres(unit: str, *, path: Path, line: int | None = None) -> float:
+    """Return the number of millimetres in a unit of length.
+
+    Parameters
+    ----------
+    unit
+        Name of the unit, in any case.
+    path
+        File for the message.
+    line
+        Line for the message.
+
+    Returns
+    -------
+    float
+        Millimetres.
 
     Raises
     ------
@@ -62,7 +55,7 @@ def millimetres(unit: str, *, path: Path, line: int | None = None) -> float:
         If the unit is not known.
     """
     try:
-        return MILLIMETRES[unit.strip().lower()]
+        return _MILLIMETRES[unit.strip().lower()]
     except KeyError:
         raise FileFormatError(
             "the unit of length is not known",
@@ -74,108 +67,227 @@ def millimetres(unit: str, *, path: Path, line: int | None = None) -> float:
         ) from None
 
 
-def chosen_names(
-    found: Sequence[str] | None,
-    given: Sequence[str] | None,
+def choose_names(
+    file_names: Sequence[str] | None,
+    names: Sequence[str] | None,
     *,
     path: Path,
     noun: str = "marker",
     line: int | None = None,
 ) -> tuple[str, ...] | None:
-    """The names that the caller gave, or else the file's.
+    """Return the names of the caller, or else those of the file.
+
+    Parameters
+    ----------
+    file_names
+        Names in the file; None where it has none.
+    names
+        Names of the caller; None for those of the file.
+    path
+        File for messages.
+    noun
+        Word for a track in messages.
+    line
+        Line for messages.
+
+    Returns
+    -------
+    tuple of str or None
+        The names; None where there are none at all.
 
     Raises
     ------
     FileFormatError
-        If the caller gave another number of names than the file has, or a name is blank or
-        occurs twice.
+        If the numbers of names differ, or a name is blank or occurs twice.
     """
-    names = found if given is None else given
-    if names is None:
-        return None
-    names = tuple(str(name).strip() for name in names)
-    if given is not None and found is not None and len(given) != len(found):
+    if names is not None and file_names is not None and len(names) != len(file_names):
         raise FileFormatError(
             f"the file has another number of {noun} names than were given",
             path=path,
             line=line,
-            found=f"{len(found)} in the file",
-            expected=f"{len(given)}, as given",
+            found=f"{len(file_names)} in the file",
+            expected=f"{len(names)}, as given",
             advice="Give a name for each, in the order of the file.",
         )
-    seen: dict[str, int] = {}
-    for place, name in enumerate(names, start=1):
+    chosen = file_names if names is None else names
+    if chosen is None:
+        return None
+    chosen = tuple(str(name).strip() for name in chosen)
+    positions: dict[str, int] = {}
+    for position, name in enumerate(chosen, start=1):
         if not name:
             raise FileFormatError(
-                f"{noun} {place} has no name",
+                f"{noun} {position} has no name",
                 path=path,
                 line=line,
                 advice="Name it in the recording software and export again, or give the names.",
             )
-        if name in seen:
+        if name in positions:
             raise FileFormatError(
                 f"two {noun} names are the same",
                 path=path,
                 line=line,
-                found=f"'{name}' as {noun} {seen[name]} and {place}",
+                found=f"'{name}' as {noun} {positions[name]} and {position}",
                 expected="unique names",
                 advice="Rename one in the recording software and export again, or give the names.",
             )
-        seen[name] = place
-    return names
+        positions[name] = position
+    return chosen
 
 
-def markers(
+def list_arguments(
+    used_names: Sequence[str],
+    names: Sequence[str] | None,
+    rate: float | None,
+    **others: str | None,
+) -> dict[str, Any]:
+    """Return the arguments of a reader for the provenance.
+
+    Parameters
+    ----------
+    used_names
+        Names of the tracks.
+    names
+        Names of the caller; None for those of the file.
+    rate
+        Frame rate of the caller, hertz; None for that of the file.
+    **others
+        Further arguments by name; None is left out.
+
+    Returns
+    -------
+    dict
+        What the caller set, and the others.
+    """
+    arguments: dict[str, Any] = {k: value for k, value in others.items() if value is not None}
+    if names is not None:
+        arguments["names"] = list(used_names)
+    if rate is not None:
+        arguments["rate"] = float(rate)
+    return arguments
+
+
+def mark_zeros(positions: FloatArray) -> FloatArray:
+    """Return positions with NaN where all three coordinates are 0, as some formats write gaps.
+
+    Parameters
+    ----------
+    positions
+        Positions, ``(frames, markers, 3)``, in any unit of length.
+
+    Returns
+    -------
+    ndarray
+        Positions, ``(frames, markers, 3)``, in the same unit.
+    """
+    return np.where((positions == 0).all(axis=2, keepdims=True), np.nan, positions)
+
+
+def create_tracks(
+    kind: type[_AnyTracks],
     path: Path,
     reader: str,
     names: Sequence[str],
     rate: float,
-    positions: FloatArray,
+    arrays: Mapping[str, NDArray[Any]],
     *,
-    origin: NDArray[np.uint8] | None = None,
     start_time: float = 0.0,
     events: Sequence[Event] = (),
     arguments: Mapping[str, Any] | None = None,
-    unit_is_known: bool = False,
-) -> MarkerTracks:
-    """Marker tracks of a file.
+    unit_is_known: bool = True,
+) -> _AnyTracks:
+    """Create the tracks of a file.
+
+    Parameters
+    ----------
+    kind
+        Type of the tracks.
+    path
+        File that was read.
+    reader
+        Name of the reader.
+    names
+        Names of the tracks.
+    rate
+        Frame rate, hertz.
+    arrays
+        Arrays of the tracks by name, such as positions, ``(frames, markers, 3)``, millimetres;
+        NaN where missing.
+    start_time
+        Time of the first frame, seconds.
+    events
+        Events of the recording.
+    arguments
+        Arguments of the reader for the provenance.
+    unit_is_known
+        Whether the file states its unit; otherwise the size of the positions is checked.
+
+    Returns
+    -------
+    Tracks
+        Tracks of the given type, with the name of the file and a first step of provenance.
 
     Raises
     ------
     MocapFitError
-        With the file's name, if the tracks are impossible or no marker is ever seen.
+        With the name of the file, if the tracks are invalid or nothing is ever visible.
 
     Warns
     -----
     MocapFitWarning
-        If the file does not say its unit and the markers are so near to each other that it is
-        probably not the millimetre.
+        If the markers are so close to each other that the unit is probably not the millimetre.
     """
-    _check_size(path, positions)
+    locations = arrays[kind.arrays[0].attribute]
+    _check_locations(path, locations)
     if not unit_is_known and len(names) >= 3:
-        # NaN compares false, so that gaps do not matter.
-        low = np.min(positions, axis=1, initial=np.inf, where=~np.isnan(positions))
-        high = np.max(positions, axis=1, initial=-np.inf, where=~np.isnan(positions))
-        _warn_of_unit(path, float(np.max(high - low)))
+        _warn_of_unit(path, locations)
     try:
-        tracks = MarkerTracks(
+        tracks = kind(
             tuple(names),
             rate,
-            positions,
-            np.asarray(origin) if origin is not None else None,  # type: ignore[arg-type]
             start_time=start_time,
             name=path.stem,
             events=tuple(events),
+            **dict[str, Any](arrays),
         )
     except DataError as error:
         raise add_path(error, path) from None
+    check_visible(tracks, path)
+    # The name of the file without its folder: the same input gives the same bytes anywhere.
+    step = {"reader": reader, "file": path.name, **(arguments or {})}
+    return tracks.add_step("read", step)
+
+
+def check_visible(tracks: Tracks, path: Path) -> None:
+    """Refuse tracks that are missing in all frames.
+
+    Parameters
+    ----------
+    tracks
+        Markers, poses or parameters.
+    path
+        File for messages.
+
+    Raises
+    ------
+    FileFormatError
+        If there are only gaps.
+    """
     if not tracks.visible.any():
-        raise _unseen(path, tracks.frames)
-    return _with_read_step(tracks, path, reader, arguments)
+        raise FileFormatError(
+            f"no {tracks.noun} is seen in any frame",
+            path=path,
+            found=f"{tracks.frames} frames with gaps only",
+            advice=f"Export a recording with tracked {tracks.plural}.",
+        )
 
 
-def _warn_of_unit(path: Path, spread: float) -> None:
-    """Warn where markers never spread farther than this many millimetres, if that is odd."""
+def _warn_of_unit(path: Path, positions: FloatArray) -> None:
+    # NaN compares false, so that gaps do not matter.
+    visible = ~np.isnan(positions)
+    low = np.min(positions, axis=1, initial=np.inf, where=visible)
+    high = np.max(positions, axis=1, initial=-np.inf, where=visible)
+    spread = float(np.max(high - low))
     if 0 < spread < _SMALLEST:
         warnings.warn(
             f"{path}: the markers are never farther apart than {spread:.3g} mm: are these "
@@ -185,155 +297,16 @@ def _warn_of_unit(path: Path, spread: float) -> None:
         )
 
 
-def _unseen(path: Path, frames: int) -> FileFormatError:
-    return FileFormatError(
-        "no marker is seen in any frame",
-        path=path,
-        found=f"{frames} frames with gaps only",
-        advice="Export a recording whose markers are identified.",
-    )
-
-
-class Stretches:
-    """Marker tracks of a file stretch by stretch; together they are what `markers` gives.
-
-    Parameters
-    ----------
-    path, reader, names, rate, start_time, events, arguments, unit_is_known
-        As for `markers`.
-    """
-
-    def __init__(
-        self,
-        path: Path,
-        reader: str,
-        names: Sequence[str],
-        rate: float,
-        *,
-        start_time: float = 0.0,
-        events: Sequence[Event] = (),
-        arguments: Mapping[str, Any] | None = None,
-        unit_is_known: bool = False,
-    ) -> None:
-        self._path, self._reader, self._arguments = path, reader, arguments
-        self._names, self._rate, self._start = tuple(names), rate, start_time
-        self._events, self._unit_is_known = tuple(events), unit_is_known
-        self._frames, self._seen, self._spread = 0, False, 0.0
-
-    def part(self, positions: FloatArray, origin: NDArray[np.uint8] | None = None) -> MarkerTracks:
-        """The next stretch: `(frames, markers, 3)` and `(frames, markers)`.
-
-        Raises
-        ------
-        MocapFitError
-            With the file's name, if it is impossible.
-        """
-        _check_size(self._path, positions, self._frames)
-        if not self._unit_is_known and len(self._names) >= 3:
-            low = np.min(positions, axis=1, initial=np.inf, where=~np.isnan(positions))
-            high = np.max(positions, axis=1, initial=-np.inf, where=~np.isnan(positions))
-            self._spread = max(self._spread, float(np.max(high - low)))
-        try:
-            tracks = MarkerTracks(
-                self._names,
-                self._rate,
-                positions,
-                origin,  # type: ignore[arg-type]
-                start_time=self._start + self._frames / self._rate,
-                name=self._path.stem,
-                events=self._events,
-            )
-        except DataError as error:
-            raise add_path(error, self._path) from None
-        self._seen = self._seen or bool(tracks.visible.any())
-        self._frames += tracks.frames
-        return _with_read_step(tracks, self._path, self._reader, self._arguments)
-
-    def finish(self) -> None:
-        """Say what only the whole recording shows.
-
-        Raises
-        ------
-        FileFormatError
-            If there was no frame, or no marker in any.
-
-        Warns
-        -----
-        MocapFitWarning
-            If the unit is probably not the millimetre.
-        """
-        if not self._frames:
-            raise FileFormatError(
-                "the recording has no frames", path=self._path, expected="one or more"
-            )
-        _warn_of_unit(self._path, self._spread)
-        if not self._seen:
-            raise _unseen(self._path, self._frames)
-
-
-def poses(
-    path: Path,
-    reader: str,
-    names: Sequence[str],
-    rate: float,
-    rotations: FloatArray,
-    translations: FloatArray,
-    residuals: FloatArray,
-    *,
-    start_time: float = 0.0,
-    events: Sequence[Event] = (),
-    arguments: Mapping[str, Any] | None = None,
-) -> PoseTracks:
-    """Pose tracks of a file.
-
-    Raises
-    ------
-    MocapFitError
-        With the file's name, if the tracks are impossible or no body is ever seen.
-    """
-    _check_size(path, translations)
-    try:
-        tracks = PoseTracks(
-            tuple(names),
-            rate,
-            rotations,
-            translations,
-            residuals,
-            start_time=start_time,
-            name=path.stem,
-            events=tuple(events),
-        )
-    except DataError as error:
-        raise add_path(error, path) from None
-    if np.isnan(tracks.translations).all():
-        raise FileFormatError(
-            "no body is seen in any frame",
-            path=path,
-            found=f"{tracks.frames} frames with gaps only",
-            advice="Export a recording whose bodies are tracked.",
-        )
-    return _with_read_step(tracks, path, reader, arguments)
-
-
-def _check_size(path: Path, positions: FloatArray, before: int = 0) -> None:
+def _check_locations(path: Path, positions: FloatArray) -> None:
     if len(positions) == 0:
         raise FileFormatError("the recording has no frames", path=path, expected="one or more")
     far = np.abs(positions) > _FARTHEST
     if far.any():
-        frame = before + int(np.argwhere(far)[0][0])
         raise FileFormatError(
-            "a position is not possible",
+            "a position is out of range",
             path=path,
-            frame=frame,
+            frame=int(np.argwhere(far)[0][0]),
             found=f"{positions[far][0]:g} mm",
             expected=f"within {_FARTHEST:g} mm",
             advice="Check the file and its unit of length.",
         )
-
-
-def _with_read_step(
-    tracks: _AnyTracks, path: Path, reader: str, arguments: Mapping[str, Any] | None
-) -> _AnyTracks:
-    # The file's name without its folder: the same input gives the same bytes anywhere.
-    step = {"reader": reader, "file": path.name, **(arguments or {})}
-    return dataclasses.replace(tracks).add_step("read", step)

@@ -1,13 +1,13 @@
-"""A block of numbers in text, read fast, with the exact line and column of what is wrong.
+"""Read a table of numbers in text fast, with the exact line and column of an error.
 
-The block goes through pandas' compiled parser. Where that refuses, each cell is read on its own,
+The table is parsed by pandas' compiled parser. Where that fails, each cell is parsed on its own,
 which accepts a little more (cells of blanks) and names the cell that is not a number.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.errors import FileFormatError, MocapFitWarning
-from mocap_fit.io.text import decoded
+from mocap_fit.io.text import decode_line
 from mocap_fit.tracks import FloatArray
 
 MISSING_WORDS = frozenset(
@@ -26,10 +26,10 @@ MISSING_WORDS = frozenset(
         *("nan(ind)", "-nan(ind)", "1.#qnan", "-1.#qnan", "1.#ind", "-1.#ind"),
     )
 )
-"""What stands for a missing number, in lower case and without blanks round it."""
+"""Spellings of a missing number, in lower case and without blanks around them."""
 
 _SAMPLE = 100
-"""Rows that show how the numbers of a column were written."""
+"""Number of rows that tell how the numbers of a column were written."""
 
 _SPELLINGS = sorted(
     {form for word in MISSING_WORDS for form in (word, word.upper(), word.capitalize())} | {"NaN"}
@@ -37,12 +37,36 @@ _SPELLINGS = sorted(
 
 
 def is_missing(cell: str) -> bool:
-    """Whether a cell stands for a missing number."""
+    """Return whether a cell stands for a missing number.
+
+    Parameters
+    ----------
+    cell
+        Text of the cell.
+
+    Returns
+    -------
+    bool
+        Whether it is one of `MISSING_WORDS`.
+    """
     return cell.strip().lower() in MISSING_WORDS
 
 
-def number(cell: str, decimal_comma: bool = True) -> float | None:
-    """The number in a cell, NaN for a missing one, None for what is no number."""
+def parse_number(cell: str, decimal_comma: bool = True) -> float | None:
+    """Parse the number in a cell.
+
+    Parameters
+    ----------
+    cell
+        Text of the cell.
+    decimal_comma
+        Whether a comma is a decimal point.
+
+    Returns
+    -------
+    float or None
+        The number; NaN for a missing one, None for other text.
+    """
     text = cell.strip()
     if text.lower() in MISSING_WORDS:
         return float("nan")
@@ -60,18 +84,18 @@ def number(cell: str, decimal_comma: bool = True) -> float | None:
 
 @dataclass(frozen=True)
 class NumberTable:
-    """The rows of a block.
+    """A table of numbers.
 
     Parameters
     ----------
     values
-        `(rows, columns)`; NaN is missing.
+        Numbers, ``(rows, columns)``, in the units of the file; NaN where missing.
     lines
-        `(rows,)`, the line of the file that each row stands in.
+        Lines of the rows in the file, ``(rows,)``.
     lost_line
-        The last line, where it is not whole and was left out.
+        The last line, where it is incomplete and was left out.
     sample
-        The cells of the first rows, as they were written.
+        Cells of the first rows, as they were written.
     """
 
     values: FloatArray
@@ -79,17 +103,43 @@ class NumberTable:
     lost_line: int | None
     sample: tuple[tuple[str, ...], ...]
 
-    def decimals(self, column: int) -> int:
-        """Digits after the point that a column was written with, at most 9."""
+    def count_decimals(self, column: int) -> int:
+        """Return the number of digits after the point that a column was written with.
+
+        Parameters
+        ----------
+        column
+            Index of the column.
+
+        Returns
+        -------
+        int
+            Number of digits, at most 9.
+        """
         cells = [row[column].strip() for row in self.sample]
         if any("e" in cell.lower() for cell in cells if not is_missing(cell)):
             return 9
-        return min(9, max((_digits(cell) for cell in cells), default=0))
+        return min(9, max((_count_digits(cell) for cell in cells), default=0))
+
+    def to_positions(self, first: int) -> FloatArray:
+        """Return the columns from one on as positions.
+
+        Parameters
+        ----------
+        first
+            Index of the column of the first coordinate.
+
+        Returns
+        -------
+        ndarray
+            Positions, ``(frames, markers, 3)``, in the unit of the file.
+        """
+        return self.values[:, first:].reshape(len(self.values), -1, 3)
 
 
 @dataclass(frozen=True)
 class _Lines:
-    """Where the lines of a block are: what is left of it, their numbers, cells in each."""
+    """The lines of a block: its text, the number and the number of cells of each line."""
 
     block: bytes
     numbers: NDArray[np.intp]
@@ -108,116 +158,42 @@ def read_numbers(
 ) -> NumberTable:
     r"""Read the rows of numbers at the end of a file.
 
-    Decimal commas are understood where the separator leaves them free. Blank lines are left out,
-    so are blank cells after the last column. A last line that was cut off is left out and told.
+    Decimal commas are accepted where the separator is not a comma. Blank lines are left out, and
+    so are blank cells after the last column and a last line that was cut off.
 
     Parameters
     ----------
     block
-        The lines, ended by ``\n``.
+        Lines that end with ``\n``; the last one may not.
     columns
-        What each column is called in messages.
+        Names of the columns for messages; a row needs as many cells.
     separator
-        What stands between two cells.
+        Separator of the cells.
     first_line
-        Number of the block's first line in the file.
+        Number of the first line of the block in the file.
     path
-        The file, for messages.
+        File for messages.
     expected_rows
-        Rows that the file's header announces.
+        Number of rows in the header of the file.
+
+    Returns
+    -------
+    NumberTable
+        The rows.
 
     Raises
     ------
     FileFormatError
-        If there is no whole row, a row has too few or too many cells, or a cell is no number.
+        If there is no complete row, a row has too few or too many cells, or a cell is not a
+        number.
 
     Warns
     -----
     MocapFitWarning
-        If the last line is not whole, or there are not as many rows as announced.
+        If the last line is incomplete, or there are not as many rows as expected.
     """
-    table = _table(block, columns, separator, first_line, path, expected_rows, last=True)
-    _warn_of_loss(table.lost_line, len(table.values), expected_rows, path)
-    return table
-
-
-def read_number_blocks(
-    blocks: Iterable[bytes],
-    columns: Sequence[str],
-    *,
-    separator: Literal["\t", ",", ";"],
-    first_line: int,
-    path: Path,
-    expected_rows: int | None = None,
-) -> Iterator[NumberTable]:
-    """Read the rows of numbers at the end of a file block by block, as `read_numbers` does.
-
-    Parameters
-    ----------
-    blocks
-        Whole lines each, from `TextFile.blocks`.
-    columns, separator, first_line, path, expected_rows
-        As for `read_numbers`.
-
-    Yields
-    ------
-    NumberTable
-        Some rows; none has none.
-    """
-    rows, lost = 0, None
-    # Whether decimals have commas shows in some blocks alone, and holds for all.
-    commas, point = False, None
-    for block, last in _last_two_joined(blocks):
-        commas = commas or (separator != "," and b"," in block)
-        if point is None and not commas:
-            point = _first_point(block, columns, separator, first_line)
-        if commas and point is not None:
-            raise _no_number(*point, True, path)
-        if not last and not block.strip(f" \n{separator}".encode()):
-            first_line += block.count(b"\n")
-            continue
-        only = last and rows == 0
-        table = _table(
-            block, columns, separator, first_line, path, expected_rows, last, only, commas
-        )
-        first_line += block.count(b"\n")
-        rows += len(table.values)
-        lost = table.lost_line
-        if len(table.values):
-            yield table
-    _warn_of_loss(lost, rows, expected_rows, path)
-
-
-def _last_two_joined(blocks: Iterable[bytes]) -> Iterator[tuple[bytes, bool]]:
-    """The blocks, and whether each is the last: that one needs rows above its last row."""
-    stream = iter(blocks)
-    first, second = next(stream, b""), next(stream, None)
-    while second is not None:
-        third = next(stream, None)
-        if third is None:
-            first += second
-            break
-        yield first, False
-        first, second = second, third
-    yield first, True
-
-
-def _table(
-    block: bytes,
-    columns: Sequence[str],
-    separator: str,
-    first_line: int,
-    path: Path,
-    expected_rows: int | None,
-    last: bool,
-    only: bool = True,
-    commas: bool = False,
-) -> NumberTable:
-    """The rows of a block; the last of the file may end in the middle of a line."""
-    lines = _lines_of(block, separator, first_line, len(columns))
+    lines = _split_lines(block, separator, first_line, len(columns))
     if lines.numbers.size == 0:
-        if not only:
-            return NumberTable(np.empty((0, len(columns))), lines.numbers, None, ())
         raise FileFormatError(
             "there is no row of numbers",
             path=path,
@@ -225,22 +201,22 @@ def _table(
             expected="one line a frame" if expected_rows is None else f"{expected_rows} lines",
             advice="Export or copy the recording again.",
         )
-    lost = _lost_line(lines, len(columns), separator) if last else None
+    lost = _find_lost_line(lines, len(columns), separator)
     if lost is not None:
-        lines = _without_last(lines)
+        lines = _drop_last(lines)
         if lines.numbers.size == 0:
             raise FileFormatError(
-                "the file is cut off before its first row is whole",
+                "the file is cut off before its first row is complete",
                 path=path,
                 line=lost,
                 expected=f"{len(columns)} numbers",
                 advice="Export or copy the recording again.",
             )
     _check_widths(lines, columns, separator, path)
-    decimal_comma = commas or (separator != "," and b"," in lines.block)
-    values = _parsed_fast(lines, len(columns), separator, decimal_comma)
+    decimal_comma = separator != "," and b"," in lines.block
+    values = _parse_fast(lines, len(columns), separator, decimal_comma)
     if values is None:
-        values = _parsed_by_cell(lines, columns, separator, decimal_comma, path)
+        values = _parse_by_cell(lines, columns, separator, decimal_comma, path)
     if np.isinf(values).any():
         row, column = (int(index) for index in np.argwhere(np.isinf(values))[0])
         raise FileFormatError(
@@ -249,12 +225,13 @@ def _table(
             line=int(lines.numbers[row]),
             expected="a number",
         )
+    _warn_of_loss(lost, len(values), expected_rows, path)
     rows = lines.block.split(b"\n", _SAMPLE)[:_SAMPLE]
-    sample = tuple(tuple(decoded(row).split(separator)) for row in rows if row)
+    sample = tuple(tuple(decode_line(row).split(separator)) for row in rows if row)
     return NumberTable(values, lines.numbers, lost, sample)
 
 
-def _lines_of(block: bytes, separator: str, first_line: int, width: int) -> _Lines:
+def _split_lines(block: bytes, separator: str, first_line: int, width: int) -> _Lines:
     terminated = block.endswith(b"\n")
     if not terminated:
         block += b"\n"
@@ -279,8 +256,8 @@ def _lines_of(block: bytes, separator: str, first_line: int, width: int) -> _Lin
     return _Lines(block, numbers, cells, terminated)
 
 
-def _lost_line(lines: _Lines, width: int, separator: str) -> int | None:
-    """The number of the last line, if it was cut off."""
+def _find_lost_line(lines: _Lines, width: int, separator: str) -> int | None:
+    """Return the number of the last line if it was cut off."""
     last = int(lines.numbers[-1])
     if lines.cells[-1] < width:
         # A short only row is a wrong row, unless the file stops in the middle of it.
@@ -289,23 +266,25 @@ def _lost_line(lines: _Lines, width: int, separator: str) -> int | None:
         return None
     cell = lines.block[:-1].rsplit(b"\n", 1)[-1].decode("utf-8", errors="replace")
     cell = cell.rsplit(separator, 1)[-1]
-    if number(cell) is None:
+    if parse_number(cell) is None:
         return last
-    # No line end: the last number is not whole if it has fewer digits than all those above it.
+    # No line end: the last number is incomplete if it has fewer digits than those above it.
     rows = lines.block[:-1].rsplit(b"\n", 20)[:-1]
-    above = [decoded(row.rsplit(b"\n", 1)[-1]).split(separator)[width - 1 : width] for row in rows]
-    digits = {_digits(cells[0]) for cells in above if cells and not is_missing(cells[0])}
-    if len(digits) == 1 and (is_missing(cell) or _digits(cell) < digits.pop()):
+    above = [
+        decode_line(row.rsplit(b"\n", 1)[-1]).split(separator)[width - 1 : width] for row in rows
+    ]
+    digits = {_count_digits(cells[0]) for cells in above if cells and not is_missing(cells[0])}
+    if len(digits) == 1 and (is_missing(cell) or _count_digits(cell) < digits.pop()):
         return last
     return None
 
 
-def _digits(cell: str) -> int:
+def _count_digits(cell: str) -> int:
     _, _, fraction = cell.strip().replace(",", ".").partition(".")
     return len(fraction)
 
 
-def _without_last(lines: _Lines) -> _Lines:
+def _drop_last(lines: _Lines) -> _Lines:
     cut = lines.block.rfind(b"\n", 0, len(lines.block) - 1) + 1
     return _Lines(lines.block[:cut], lines.numbers[:-1], lines.cells[:-1], True)
 
@@ -331,10 +310,10 @@ def _check_widths(lines: _Lines, columns: Sequence[str], separator: str, path: P
         )
 
 
-def _parsed_fast(
+def _parse_fast(
     lines: _Lines, width: int, separator: str, decimal_comma: bool
 ) -> FloatArray | None:
-    """The values, or None where pandas does not take them."""
+    """Return the values, or None where pandas cannot parse them."""
     import pandas as pd
 
     if b"_" in lines.block:
@@ -361,7 +340,7 @@ def _parsed_fast(
     return np.ascontiguousarray(frame.to_numpy(dtype=np.float64))
 
 
-def _parsed_by_cell(
+def _parse_by_cell(
     lines: _Lines, columns: Sequence[str], separator: str, decimal_comma: bool, path: Path
 ) -> FloatArray:
     values = np.empty((len(lines.numbers), len(columns)))
@@ -369,49 +348,26 @@ def _parsed_by_cell(
         cells = raw.decode("utf-8", errors="replace").split(separator)
         for column, name in enumerate(columns):
             cell = cells[column]
-            value = number(cell, decimal_comma)
+            value = parse_number(cell, decimal_comma)
             if value is None or (decimal_comma and "." in cell and not is_missing(cell)):
-                raise _no_number(name, int(lines.numbers[row]), cell, column, decimal_comma, path)
+                raise FileFormatError(
+                    f"{name} is not a number",
+                    path=path,
+                    line=int(lines.numbers[row]),
+                    found=f"'{cell}' in column {column + 1}",
+                    expected="a number with a decimal comma, as elsewhere in the file"
+                    if decimal_comma
+                    else "a number",
+                    advice="Correct the cell, or export the recording again.",
+                )
             values[row, column] = value
     return values
 
 
-def _first_point(
-    block: bytes, columns: Sequence[str], separator: str, first_line: int
-) -> tuple[str, int, str, int] | None:
-    """The first number with a decimal point: its column, line, cell and place; None for none."""
-    place = block.find(b".")
-    while place >= 0:
-        start, end = block.rfind(b"\n", 0, place) + 1, block.find(b"\n", place)
-        row = decoded(block[start : end if end >= 0 else len(block)])
-        cells = row.split(separator)[: len(columns)]
-        for column, cell in enumerate(cells):
-            if "." in cell and not is_missing(cell):
-                line = first_line + block.count(b"\n", 0, place)
-                return columns[column], line, cell, column
-        place = block.find(b".", end) if end >= 0 else -1
-    return None
-
-
-def _no_number(
-    name: str, line: int, cell: str, column: int, decimal_comma: bool, path: Path
-) -> FileFormatError:
-    return FileFormatError(
-        f"{name} is not a number",
-        path=path,
-        line=line,
-        found=f"'{cell}' in column {column + 1}",
-        expected="a number with a decimal comma, as elsewhere in the file"
-        if decimal_comma
-        else "a number",
-        advice="Correct the cell, or export the recording again.",
-    )
-
-
 def _warn_of_loss(lost: int | None, rows: int, expected: int | None, path: Path) -> None:
-    read = f"{rows} whole rows were read"
+    read = f"{rows} complete rows were read"
     if expected is not None and rows != expected:
-        read = f"{rows} whole rows were read where the header announces {expected}"
+        read += f" where the header announces {expected}"
     if lost is not None:
         message = f"{path}, line {lost}: the file is cut off in this line; {read}"
     elif expected is not None and rows < expected:

@@ -1,4 +1,4 @@
-"""The header of a Qualisys TSV export: one keyword a line, then perhaps a row of column titles."""
+"""The header of a Qualisys TSV export: one keyword a line, then an optional row of titles."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mocap_fit.errors import FileFormatError, MocapFitWarning
-from mocap_fit.io.number_table import is_missing, number
+from mocap_fit.io.number_table import is_missing, parse_number
 from mocap_fit.io.text import TextFile
-from mocap_fit.io.timing import checked_rate
+from mocap_fit.io.timing import check_rate
 from mocap_fit.tracks import Event
 
 KNOWN_KEYWORDS = frozenset(
@@ -41,26 +41,26 @@ _KEYWORD = re.compile(r"[A-Z][A-Z0-9]*(_[A-Z0-9]+)*")
 
 @dataclass(frozen=True)
 class Header:
-    """What stands above the numbers.
+    """The header of an export, and its first row of numbers.
 
     Parameters
     ----------
     path
-        The file.
+        File for messages.
     values
-        The cells after each keyword, without blank ones at the end.
+        Cells after each keyword, without blank ones at the end.
     lines
-        The line of each keyword.
+        Line of each keyword.
     events
-        The events, in the order of the file.
+        Line and cells of each event, in the order of the file.
     titles
-        The column titles, without blank ones at the end; None where there is no such row.
+        Titles of the columns, without blank ones at the end; None where there is no such row.
     titles_line
-        The line of the titles.
+        Line of the titles.
     first_row_line
-        The line of the first row of numbers.
+        Line of the first row of numbers.
     first_row
-        The cells of that row; none where the file ends before it.
+        Cells of that row; empty where the file ends before it.
     """
 
     path: Path
@@ -72,45 +72,71 @@ class Header:
     first_row_line: int = 1
     first_row: tuple[str, ...] = ()
 
-    def text(self, keyword: str) -> str | None:
-        """The first cell after a keyword; None where there is none."""
+    def get_text(self, keyword: str) -> str | None:
+        """Return the first cell after a keyword.
+
+        Parameters
+        ----------
+        keyword
+            Keyword of the header.
+
+        Returns
+        -------
+        str or None
+            The cell; None where there is none.
+        """
         cells = self.values.get(keyword, ())
         return cells[0] if cells else None
 
-    def count(self, keyword: str) -> int | None:
-        """A whole number of 0 or more; None where the keyword is absent.
+    def get_count(self, keyword: str) -> int | None:
+        """Return the integer after a keyword.
+
+        Parameters
+        ----------
+        keyword
+            Keyword of the header.
+
+        Returns
+        -------
+        int or None
+            0 or more; None where the keyword is absent.
 
         Raises
         ------
         FileFormatError
-            If it is something else.
+            If the cell is not an integer of 0 or more.
         """
         if keyword not in self.values:
             return None
-        text = self.text(keyword) or ""
+        text = self.get_text(keyword) or ""
         if not re.fullmatch(r"[0-9]{1,12}", text):
             raise FileFormatError(
                 f"{keyword} is not a count",
                 path=self.path,
                 line=self.lines[keyword],
                 found=f"'{text}'",
-                expected="a whole number",
+                expected="an integer",
                 advice="Correct it, or export the recording again.",
             )
         return int(text)
 
-    def rate(self) -> float | None:
-        """The frame rate; None where it is absent, or `EXT` for an external timebase.
+    def get_rate(self) -> float | None:
+        """Return the frame rate.
+
+        Returns
+        -------
+        float or None
+            Rate, hertz; None where it is absent, or ``EXT`` for an external timebase.
 
         Raises
         ------
         FileFormatError
-            If it is no number above 0.
+            If it is not a number above 0.
         """
-        text = self.text("FREQUENCY")
+        text = self.get_text("FREQUENCY")
         if text is None or text.upper() == "EXT":
             return None
-        value = number(text)
+        value = parse_number(text)
         line = self.lines["FREQUENCY"]
         if value is None or math.isnan(value):
             raise FileFormatError(
@@ -121,29 +147,55 @@ class Header:
                 expected="a rate in hertz, or EXT",
                 advice="Correct it, or give the rate (rate=..., in hertz).",
             )
-        return checked_rate(value, path=self.path, line=line)
+        return check_rate(value, path=self.path, line=line)
 
 
-def is_keyword(cell: str) -> bool:
-    """Whether a line that starts with this cell belongs to the header."""
+def _is_keyword(cell: str) -> bool:
+    """Return whether a line that starts with this cell belongs to the header."""
     word = cell.strip()
     return len(word) > 2 and bool(_KEYWORD.fullmatch(word)) and not is_missing(word)
 
 
 def is_title_row(cells: list[str]) -> bool:
-    """Whether most of the cells that hold something are not numbers."""
+    """Return whether most cells of a row that are not blank are not numbers.
+
+    Parameters
+    ----------
+    cells
+        Cells of the row.
+
+    Returns
+    -------
+    bool
+        Whether it is a row of titles.
+    """
     filled = [cell for cell in cells if not is_missing(cell)]
-    words = sum(number(cell) is None for cell in filled)
+    words = sum(parse_number(cell) is None for cell in filled)
     return bool(filled) and 2 * words > len(filled)
 
 
 def read_header(text: TextFile) -> Header:
-    """Read all that stands above the numbers; the file is then at its first row.
+    """Read the header; the file is then at its first row of numbers.
+
+    Parameters
+    ----------
+    text
+        File at its beginning.
+
+    Returns
+    -------
+    Header
+        The header and the first row.
 
     Raises
     ------
     FileFormatError
-        If a line is too long, a keyword comes twice, or an event is not whole.
+        If a line is too long or a keyword comes twice.
+
+    Warns
+    -----
+    MocapFitWarning
+        If the version of the format is not known.
     """
     values: dict[str, tuple[str, ...]] = {}
     lines: dict[str, int] = {}
@@ -151,14 +203,14 @@ def read_header(text: TextFile) -> Header:
     titles: tuple[str, ...] | None = None
     titles_line: int | None = None
     first_row: tuple[str, ...] = ()
-    while (line := text.line()) is not None:
+    while (line := text.read_line()) is not None:
         cells = line.split("\t")
         if not line.strip(" "):
             continue
-        if titles is None and is_keyword(cells[0]):
+        if titles is None and _is_keyword(cells[0]):
             keyword = cells[0].strip()
             if keyword == "EVENT":
-                events.append((text.number, _trimmed(cells[1:])))
+                events.append((text.number, _trim(cells[1:])))
                 continue
             if keyword in values:
                 raise FileFormatError(
@@ -168,9 +220,9 @@ def read_header(text: TextFile) -> Header:
                     found=f"also in line {lines[keyword]}",
                     advice="Export the recording again.",
                 )
-            values[keyword], lines[keyword] = _trimmed(cells[1:]), text.number
+            values[keyword], lines[keyword] = _trim(cells[1:]), text.number
         elif titles is None and is_title_row(cells):
-            titles, titles_line = _trimmed(cells), text.number
+            titles, titles_line = _trim(cells), text.number
         else:
             first_row = tuple(cells)
             text.push_back()
@@ -190,9 +242,20 @@ def read_header(text: TextFile) -> Header:
 
 
 def read_events(header: Header, rate: float) -> tuple[Event, ...]:
-    """The events: name, frame, time in seconds.
+    """Return the events of a recording.
 
-    The time may be left out; frame 1 is then at time 0.
+    Parameters
+    ----------
+    header
+        Header of the file: name, frame and time of each event. The time may be missing; frame 1
+        is then at time 0.
+    rate
+        Frame rate, hertz.
+
+    Returns
+    -------
+    tuple of Event
+        The events in the order of the file.
 
     Raises
     ------
@@ -202,13 +265,13 @@ def read_events(header: Header, rate: float) -> tuple[Event, ...]:
     events = []
     for line, cells in header.events:
         name = cells[0] if cells else ""
-        numbers = [number(cell) for cell in cells[1:3]]
+        numbers = [parse_number(cell) for cell in cells[1:3]]
         time = numbers[1] if len(numbers) > 1 else None
         if time is None and len(cells) < 3 and numbers and numbers[0] is not None:
             time = (numbers[0] - 1) / rate
         if not name or time is None or not math.isfinite(time):
             raise FileFormatError(
-                "the event is not whole",
+                "the event is incomplete",
                 path=header.path,
                 line=line,
                 found="\t".join(cells) or "nothing",
@@ -219,7 +282,7 @@ def read_events(header: Header, rate: float) -> tuple[Event, ...]:
     return tuple(events)
 
 
-def _trimmed(cells: list[str]) -> tuple[str, ...]:
+def _trim(cells: list[str]) -> tuple[str, ...]:
     stripped = [cell.strip() for cell in cells]
     while stripped and not stripped[-1]:
         stripped.pop()
@@ -227,7 +290,7 @@ def _trimmed(cells: list[str]) -> tuple[str, ...]:
 
 
 def _check_version(header: Header) -> None:
-    version = header.text("FILE_VERSION")
+    version = header.get_text("FILE_VERSION")
     if version is not None and not re.match(r"[12](\.|$)", version):
         warnings.warn(
             f"{header.path}, line {header.lines['FILE_VERSION']}: version {version} of the export "

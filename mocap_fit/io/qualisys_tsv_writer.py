@@ -1,4 +1,4 @@
-"""Marker tracks as a Qualisys TSV export: what QTM itself would write, and its readers take."""
+"""Write marker tracks as a Qualisys TSV export, as QTM itself writes it."""
 
 from __future__ import annotations
 
@@ -29,42 +29,42 @@ def write_qualisys_tsv(
     trajectory_types: bool = True,
     gaps: Gaps = "zero",
 ) -> None:
-    """Write markers as a Qualisys TSV export, whole or not at all.
+    """Write markers as a Qualisys TSV export, atomically.
 
-    The file is UTF-8 with tabs and CRLF, positions in millimetres. What it cannot hold is lost:
-    the provenance; the origin of single samples, for the format has one word for a trajectory
-    (``Mixed`` where it has several); times beyond five decimals. A visible sample that would be
-    written as zeros, which mean a gap, is written with one digit more and at least one unit of it
-    in x, an error below half a unit of the other digits.
+    The file is UTF-8 with tabs and CRLF, positions in millimetres. It cannot hold the provenance,
+    the origin of single samples (the format has one word for a trajectory, ``Mixed`` where there
+    are several), and times beyond five decimals. A visible sample that would be written as zeros,
+    which mean a gap, is written with one digit more and at least one unit of it in x, an error
+    below half a unit of the other digits.
 
     Parameters
     ----------
     tracks
-        The markers.
+        Markers to write.
     path
-        The file; one that exists is replaced.
+        File to write; an existing one is replaced.
     decimals
-        Digits after the point of a position, from 1 to 9. QTM writes 3.
+        Number of digits after the point of a position, 1 to 9. QTM writes 3.
     frame_and_time
-        Whether the first two columns are the frame's number and time. Without them the start
-        time is lost.
+        Whether the first two columns are the number and the time of the frame. Without them the
+        start time is lost.
     titles
         Whether a row of column titles follows the header.
     trajectory_types
-        Whether to say the origin of each marker; the header is then that of version 2.0.0.
+        Whether to write the origin of each marker; the header is then that of version 2.0.0.
     gaps
-        What stands in a gap: ``0.000`` as QTM writes it, nothing, or ``NaN``.
+        Content of a gap: ``zero`` (``0.000``, as QTM writes it), ``blank`` or ``nan``.
 
     Raises
     ------
     DataError
-        If a name cannot stand in the file, or a setting is impossible.
+        If a name cannot be written, or a setting is out of range.
     FileFormatError
         If the file cannot be written.
     """
     if not 1 <= decimals <= 9:
         raise DataError(
-            "the number of decimals is not possible", found=decimals, expected="from 1 to 9"
+            "the number of decimals is out of range", found=decimals, expected="from 1 to 9"
         )
     if gaps not in _GAPS:
         raise DataError(
@@ -72,7 +72,7 @@ def write_qualisys_tsv(
         )
     for text in (*tracks.names, *(event.name for event in tracks.events)):
         _check_name(text)
-    lines = _header(tracks, trajectory_types)
+    lines = _list_header(tracks, trajectory_types)
     time_decimals = max(_TIME_DECIMALS, math.ceil(math.log10(tracks.rate)) + 2)
     if titles:
         row = [f"{name} {axis}" for name in tracks.names for axis in "XYZ"]
@@ -83,7 +83,7 @@ def write_qualisys_tsv(
     flat = np.where(np.isnan(tracks.positions), 0.0, tracks.positions).reshape(tracks.frames, -1)
     # Rounding can leave a minus before zeros; adding 0.0 takes it away.
     flat = np.asarray(np.round(flat, decimals) + 0.0, dtype=np.float64)
-    special = _special_cells(tracks, flat, decimals, gap)
+    special = _find_special_cells(tracks, flat, decimals, gap)
     for frame, (values, time) in enumerate(zip(flat.tolist(), tracks.times.tolist(), strict=True)):
         row_text = pattern % ((frame + 1, time, *values) if frame_and_time else tuple(values))
         if frame in special:
@@ -112,7 +112,7 @@ def _check_name(name: str) -> None:
         )
 
 
-def _header(tracks: MarkerTracks, trajectory_types: bool) -> list[str]:
+def _list_header(tracks: MarkerTracks, trajectory_types: bool) -> list[str]:
     lines = ["FILE_VERSION\t2.0.0"] if trajectory_types else []
     lines += [
         f"NO_OF_FRAMES\t{tracks.frames}",
@@ -129,11 +129,11 @@ def _header(tracks: MarkerTracks, trajectory_types: bool) -> list[str]:
         lines.append(f"EVENT\t{event.name}\t{frame}\t{event.time:.{_TIME_DECIMALS}f}")
     lines.append("\t".join(("MARKER_NAMES", *tracks.names)))
     if trajectory_types:
-        lines.append("\t".join(("TRAJECTORY_TYPES", *_trajectory_types(tracks))))
+        lines.append("\t".join(("TRAJECTORY_TYPES", *_list_trajectory_types(tracks))))
     return lines
 
 
-def _trajectory_types(tracks: MarkerTracks) -> list[str]:
+def _list_trajectory_types(tracks: MarkerTracks) -> list[str]:
     words = {Origin.MEASURED: "Measured", Origin.FILLED: "Gap-filled", Origin.VIRTUAL: "Virtual"}
     types = []
     for marker in range(len(tracks.names)):
@@ -144,10 +144,10 @@ def _trajectory_types(tracks: MarkerTracks) -> list[str]:
     return types
 
 
-def _special_cells(
+def _find_special_cells(
     tracks: MarkerTracks, written: FloatArray, decimals: int, gap: str | None
 ) -> dict[int, list[tuple[int, str]]]:
-    """Cells that differ from the plain pattern: (column, text) by frame."""
+    """Return the cells that differ from the plain pattern: (column, text) by frame."""
     special: dict[int, list[tuple[int, str]]] = {}
     visible = tracks.visible
     if gap is not None:

@@ -1,40 +1,55 @@
-"""The registry of readers, and the functions that find the one for a file.
+"""Read recordings of any format; the readers are found through a registry.
 
-A reader is a module (or any object) with what `Reader` lists. A laboratory adds its own by an
-entry point in the group ``mocap_fit.readers``; its name is the format's name.
+A reader is a module (or any object) with the attributes of `Reader`. A laboratory adds its own by
+an entry point in the group ``mocap_fit.readers``; its name is the name of the format.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
-from mocap_fit.errors import (
-    DataError,
-    MocapFitError,
-    from_os_error,
-)
-from mocap_fit.io.text import checked_file
+from mocap_fit.errors import DataError, MocapFitError, from_os_error
+from mocap_fit.io.text import check_file
 from mocap_fit.registry import Registry
 from mocap_fit.tracks import MarkerTracks, PoseTracks, Tracks
 
 READERS = Registry("mocap_fit.readers", "reader")
 
+_Kind = TypeVar("_Kind", bound=Tracks)
+
+_ADVICE = {
+    "markers": "Read it with read_tracks.",
+    "poses": "Read it with read_poses, or export the 3D markers.",
+    "parameters": "Read it with mocap_fit.tracks.read_parquet.",
+}
+
 
 class Reader(Protocol):
-    """What reads one format; a module with these names is one."""
+    """Reader of one format; a module with these attributes is one."""
 
     @property
     def description(self) -> str:
-        """The format, in a few words."""
+        """The format in a few words."""
 
     @property
     def extensions(self) -> tuple[str, ...]:
-        """Usual endings of the file's name, in lower case, with their points."""
+        """Usual extensions of the files, in lower case, with their points."""
 
     def sniff(self, path: str | os.PathLike[str]) -> bool:
-        """Whether a file looks like this format: fast, from its first bytes, never an error."""
+        """Return whether a file looks like this format, quickly and without an error.
+
+        Parameters
+        ----------
+        path
+            The file, of any format.
+
+        Returns
+        -------
+        bool
+            Whether its first bytes are those of the format.
+        """
 
     def read(
         self,
@@ -45,16 +60,31 @@ class Reader(Protocol):
     ) -> Tracks:
         """Read a file.
 
-        The names and the rate of the caller replace the file's own. Every problem is a
-        `MocapFitError` that names the file.
+        Parameters
+        ----------
+        path
+            File to read.
+        names
+            Names of the tracks, in the order of the file; they replace those of the file.
+        rate
+            Frame rate, hertz; it replaces that of the file.
 
-        A reader may also have ``stretches``, which takes a number of ``frames`` besides and gives
-        the tracks so many at a time, without holding more; see `mocap_fit.io.read_stretches`.
+        Returns
+        -------
+        Tracks
+            Markers, poses or parameters: millimetres, seconds; NaN where missing.
+
+        Raises
+        ------
+        MocapFitError
+            With the file, if its content cannot be used.
         """
 
 
 def find_reader(path: str | os.PathLike[str]) -> str:
-    """Return the name of the reader for a file; see `Registry.find`.
+    """Return the name of the reader for a file.
+
+    The content of the file decides; where no reader recognises it, its extension does.
 
     Parameters
     ----------
@@ -64,7 +94,7 @@ def find_reader(path: str | os.PathLike[str]) -> str:
     Returns
     -------
     str
-        The reader's name, such as ``qualisys-tsv``.
+        Name of the reader, such as ``qualisys-tsv``.
 
     Raises
     ------
@@ -80,7 +110,7 @@ def find_reader(path: str | os.PathLike[str]) -> str:
     MocapFitWarning
         If a reader cannot be loaded; it is passed over.
     """
-    return READERS.find(checked_file(path))
+    return READERS.find(check_file(path))
 
 
 def read(
@@ -95,30 +125,37 @@ def read(
     Parameters
     ----------
     path
-        The file.
+        File to read.
     reader
-        Name of the format, such as ``qualisys-tsv``; found from the file where not given.
+        Name of the format, such as ``qualisys-tsv``; determined from the file where not given.
     names
-        Names of the markers or bodies in the order of the file, in place of the file's own.
+        Names of the tracks, in the order of the file; they replace those of the file.
     rate
-        Frames per second, in place of the file's own.
+        Frame rate, hertz; it replaces that of the file.
 
     Returns
     -------
-    MarkerTracks, PoseTracks or ParameterTracks
-        What the file holds: millimetres, seconds, NaN where something is missing.
+    Tracks
+        Markers, poses or parameters: millimetres, seconds; NaN where missing.
 
     Raises
     ------
+    MissingFileError
+        If there is no such file.
     MocapFitError
         If the file cannot be read.
+
+    Warns
+    -----
+    MocapFitWarning
+        If something in the file was corrected or left out.
     """
-    file = checked_file(path)
+    file = check_file(path)
     name = find_reader(file) if reader is None else reader
-    chosen = _reader(name)
+    source: Reader = READERS.get(name)
     try:
         with READERS.guard(name, file):
-            return chosen.read(file, names=names, rate=rate)
+            return source.read(file, names=names, rate=rate)
     except MocapFitError:
         raise
     except OSError as error:
@@ -132,19 +169,70 @@ def read_tracks(
     names: Sequence[str] | None = None,
     rate: float | None = None,
 ) -> MarkerTracks:
-    """Read the markers of a recording; parameters as for `read`.
+    """Read the markers of a recording.
+
+    Qualisys TSV, C3D, TRC, CSV and Parquet files are read, and the formats of installed plug-ins.
+    The content of the file decides which reader is used. Units are converted to millimetres; the
+    axes stay those of the file.
+
+    Parameters
+    ----------
+    path
+        File to read.
+    reader
+        Name of the format: ``qualisys-tsv``, ``c3d``, ``trc``, ``csv``, ``parquet``, or that of a
+        plug-in. Determined from the file where not given.
+    names
+        Names of the markers, in the order of the file; they replace those of the file. Required
+        where the file has none.
+    rate
+        Frame rate, hertz; it replaces that of the file. Required where the file has none.
+
+    Returns
+    -------
+    MarkerTracks
+        Markers over time: `positions`, ``(frames, markers, 3)``, millimetres, NaN where a marker
+        is missing; `names`; `rate`, hertz; `start_time`, seconds; `origin`, which tells measured
+        samples from filled ones; `events`; and the `provenance`.
 
     Raises
     ------
-    MocapFitError
-        If the file cannot be read.
+    MissingFileError
+        If there is no such file (also a `FileNotFoundError`).
+    MissingRateError
+        If neither the caller nor the file says the frame rate.
+    FileFormatError
+        If the file does not follow its format; the message says the line, what is there, and what
+        was expected.
     DataError
-        If it holds something else than markers.
+        If the file holds poses or face parameters instead of markers.
+    RegistryError
+        If there is no reader of that name, or one of another distribution fails.
+
+    Warns
+    -----
+    MocapFitWarning
+        If the file is cut off, its unit is probably not the millimetre, or something in it is not
+        known.
+
+    See Also
+    --------
+    load_sample : Return the path of a sample recording.
+    write_tracks : Write tracks to a file.
+    remove_head_motion : Remove the motion of the head from the markers.
+
+    Examples
+    --------
+    >>> import mocap_fit as mf
+    >>> tracks = mf.read_tracks(mf.load_sample("take_01"))
+    >>> tracks.positions.shape, tracks.rate
+    ((184, 35, 3), 60.0)
+    >>> tracks.names[:3]
+    ('lip_upper_mid', 'lip_lower_mid', 'lip_corner_left')
+    >>> float(tracks.visible.mean().round(2))
+    0.97
     """
-    tracks = read(path, reader=reader, names=names, rate=rate)
-    if isinstance(tracks, MarkerTracks):
-        return tracks
-    raise wrong_kind(path, tracks, "markers")
+    return _read_kind(path, MarkerTracks, reader, names, rate)
 
 
 def read_poses(
@@ -154,65 +242,80 @@ def read_poses(
     names: Sequence[str] | None = None,
     rate: float | None = None,
 ) -> PoseTracks:
-    """Read the poses of rigid bodies; parameters as for `read`.
+    """Read the poses of rigid bodies.
+
+    Parameters
+    ----------
+    path
+        File to read: a Qualisys 6DOF export or Parquet.
+    reader
+        Name of the format; determined from the file where not given.
+    names
+        Names of the bodies, in the order of the file; they replace those of the file.
+    rate
+        Frame rate, hertz; it replaces that of the file.
+
+    Returns
+    -------
+    PoseTracks
+        Rotations and translations in millimetres; NaN where a body is missing.
 
     Raises
     ------
+    MissingFileError
+        If there is no such file.
     MocapFitError
         If the file cannot be read.
     DataError
-        If it holds something else than poses.
+        If it does not hold poses.
     """
-    tracks = read(path, reader=reader, names=names, rate=rate)
-    if isinstance(tracks, PoseTracks):
-        return tracks
-    raise wrong_kind(path, tracks, "poses of rigid bodies")
+    return _read_kind(path, PoseTracks, reader, names, rate)
 
 
-def describe(
-    path: str | os.PathLike[str],
-    *,
-    reader: str | None = None,
-    names: Sequence[str] | None = None,
-    rate: float | None = None,
-) -> dict[str, Any]:
-    """What a recording holds, as plain values that JSON can hold; parameters as for `read`.
+def describe(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Describe the content of a recording by values that JSON can hold.
+
+    Parameters
+    ----------
+    path
+        File to read.
 
     Returns
     -------
     dict
         ``file``, ``format``, ``description``, ``content`` (``markers``, ``poses`` or
         ``parameters``), ``name``, ``frames``, ``rate``, ``duration``, ``start_time``, ``units``,
-        one list of ``markers``, ``bodies`` or ``parameters`` (each with its ``name`` and its
+        a list of ``markers``, ``bodies`` or ``parameters`` (each with its ``name`` and its
         ``gap_rate``, the share of frames in which it is missing), ``events`` (``name``,
         ``time``), and ``provenance``.
 
     Raises
     ------
+    MissingFileError
+        If there is no such file.
     MocapFitError
         If the file cannot be read.
     """
-    file = checked_file(path)
-    name = find_reader(file) if reader is None else reader
-    tracks = read(file, reader=name, names=names, rate=rate)
-    about = {"file": os.fspath(path), "format": name, "description": _reader(name).description}
+    name = find_reader(path)
+    tracks = read(path, reader=name)
+    about = {"file": os.fspath(path), "format": name, "description": READERS.get(name).description}
     return about | tracks.describe()
 
 
-def _reader(name: str) -> Reader:
-    reader: Reader = READERS.get(name)
-    return reader
-
-
-def wrong_kind(path: str | os.PathLike[str], tracks: Tracks, wanted: str) -> MocapFitError:
-    """The error for a file that holds something else than is wanted."""
-    if isinstance(tracks, MarkerTracks):
-        found, advice = "markers", "Read it with read_tracks."
-    elif isinstance(tracks, PoseTracks):
-        found = "poses of rigid bodies"
-        advice = "Read it with read_poses, or export the 3D markers."
-    else:
-        found, advice = "face parameters", "Read it with mocap_fit.tracks.read_parquet."
-    return DataError(
-        f"the file does not hold {wanted}", path=path, found=found, expected=wanted, advice=advice
+def _read_kind(
+    path: str | os.PathLike[str],
+    kind: type[_Kind],
+    reader: str | None,
+    names: Sequence[str] | None,
+    rate: float | None,
+) -> _Kind:
+    tracks = read(path, reader=reader, names=names, rate=rate)
+    if isinstance(tracks, kind):
+        return tracks
+    raise DataError(
+        f"the file does not hold {kind.kind}",
+        path=path,
+        found=tracks.kind,
+        expected=kind.kind,
+        advice=_ADVICE[tracks.kind],
     )

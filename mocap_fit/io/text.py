@@ -1,4 +1,4 @@
-"""Text files as a laboratory has them: any line ending, any of the usual encodings, any length.
+"""Text files with any line ending, in any of the usual encodings.
 
 A line longer than `LONGEST_LINE` is refused before it is in memory, so that a file that is not
 what it seems costs neither time nor space.
@@ -7,7 +7,6 @@ what it seems costs neither time nor space.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from types import TracebackType
@@ -22,8 +21,18 @@ _UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 _UTF8_MARK = b"\xef\xbb\xbf"
 
 
-def checked_file(path: str | os.PathLike[str]) -> Path:
-    """The path of a file that is there, is a file, and holds something.
+def check_file(path: str | os.PathLike[str]) -> Path:
+    """Return the path of a file that exists and is not empty.
+
+    Parameters
+    ----------
+    path
+        File to read.
+
+    Returns
+    -------
+    Path
+        The same path.
 
     Raises
     ------
@@ -52,7 +61,20 @@ def checked_file(path: str | os.PathLike[str]) -> Path:
 
 
 def read_head(path: str | os.PathLike[str], size: int) -> bytes:
-    """The first bytes of a file; nothing where it cannot be read."""
+    """Return the first bytes of a file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    size
+        Number of bytes.
+
+    Returns
+    -------
+    bytes
+        At most `size` bytes; none where the file cannot be read.
+    """
     try:
         with Path(path).open("rb") as file:
             return file.read(size)
@@ -60,18 +82,43 @@ def read_head(path: str | os.PathLike[str], size: int) -> bytes:
         return b""
 
 
-def decoded(line: bytes) -> str:
-    """A line as text: UTF-8, or Windows-1252, which older recording software writes."""
+def decode_line(line: bytes) -> str:
+    """Decode a line: UTF-8, or else Windows-1252, which older recording software writes.
+
+    Parameters
+    ----------
+    line
+        Bytes of the line.
+
+    Returns
+    -------
+    str
+        The line.
+    """
     try:
         return line.decode("utf-8")
     except UnicodeDecodeError:
         return line.decode("cp1252", errors="replace")
 
 
-def first_lines(path: str | os.PathLike[str], count: int, size: int = LONGEST_LINE) -> list[str]:
-    """The first lines of a text file, for a reader that asks whether the file is its own.
+def read_first_lines(
+    path: str | os.PathLike[str], count: int, size: int = LONGEST_LINE
+) -> list[str]:
+    """Return the first lines of a text file, for readers that sniff it.
 
-    Nothing for a file that is not text or cannot be read. The last line may be cut short.
+    Parameters
+    ----------
+    path
+        The file.
+    count
+        Number of lines.
+    size
+        Number of bytes to read at most; the last line may be cut short.
+
+    Returns
+    -------
+    list of str
+        The lines without their endings; none for a file that is not text or cannot be read.
     """
     head = read_head(path, size)
     if head.startswith(_UTF16_MARKS):
@@ -81,16 +128,16 @@ def first_lines(path: str | os.PathLike[str], count: int, size: int = LONGEST_LI
     head = head.removeprefix(_UTF8_MARK)
     if b"\n" not in head:
         head = head.replace(b"\r", b"\n")
-    return [decoded(line).rstrip("\r") for line in head.split(b"\n", count)[:count]]
+    return [decode_line(line).rstrip("\r") for line in head.split(b"\n", count)[:count]]
 
 
 class TextFile:
-    """The lines of a text file, one after another, then all that is left at once.
+    """A text file that is read line by line, then all the rest at once.
 
     Parameters
     ----------
     path
-        The file.
+        File to read.
 
     Raises
     ------
@@ -99,10 +146,10 @@ class TextFile:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = checked_file(path)
+        self.path = check_file(path)
         self.number = 0
-        """Number of the line that `line` gave last, from 1."""
-        self._waiting: bytes | None = None
+        """Number of the line that `read_line` returned last, from 1."""
+        self._pushed_back: bytes | None = None
         self._last = b""
         try:
             self._file: BinaryIO = self.path.open("rb")
@@ -112,7 +159,7 @@ class TextFile:
                 self._reopen(self._file.read().decode("utf-16").encode())
             elif b"\0" in head:
                 self._file.close()
-                raise self._not_text()
+                raise self._create_binary_error()
             elif b"\n" not in head and b"\r" in head:
                 # Line ends of old Macintosh programs.
                 self._reopen(self._file.read().replace(b"\r\n", b"\n").replace(b"\r", b"\n"))
@@ -120,7 +167,7 @@ class TextFile:
             raise from_os_error(error, path) from None
         except UnicodeDecodeError:
             self._file.close()
-            raise self._not_text() from None
+            raise self._create_binary_error() from None
         if head.startswith(_UTF8_MARK):
             self._file.seek(len(_UTF8_MARK))
 
@@ -128,7 +175,7 @@ class TextFile:
         self._file.close()
         self._file = BytesIO(content.removeprefix(_UTF8_MARK))
 
-    def _not_text(self) -> FileFormatError:
+    def _create_binary_error(self) -> FileFormatError:
         return FileFormatError(
             "the file holds binary data",
             path=self.path,
@@ -147,15 +194,20 @@ class TextFile:
     ) -> None:
         self._file.close()
 
-    def line(self) -> str | None:
-        """The next line without its ending, or None after the last.
+    def read_line(self) -> str | None:
+        """Return the next line.
+
+        Returns
+        -------
+        str or None
+            The line without its ending; None after the last.
 
         Raises
         ------
         FileFormatError
             If it is longer than `LONGEST_LINE`, or holds a zero byte.
         """
-        raw = self._raw()
+        raw = self._read_raw()
         if raw is None:
             return None
         self.number += 1
@@ -169,85 +221,49 @@ class TextFile:
                 advice="This is not a header. Check that it is the file you mean.",
             )
         if b"\0" in raw:
-            raise self._damaged(self.number)
-        return decoded(raw).rstrip("\r\n")
+            raise self._create_zero_error(self.number)
+        return decode_line(raw).rstrip("\r\n")
 
     def push_back(self) -> None:
-        """Give the line that was read last back, to be read again."""
-        self._waiting = self._last
+        """Push the last line back, to be read again."""
+        self._pushed_back = self._last
         self.number -= 1
 
-    def rest(self) -> bytes:
-        """All that follows, every line ended by a line feed except perhaps the last.
+    def read_rest(self) -> bytes:
+        """Return all that follows, with line feeds as line endings.
+
+        Returns
+        -------
+        bytes
+            The lines; the last one may have no line feed.
 
         Raises
         ------
         FileFormatError
-            If it holds a zero byte, as files do whose disk was full.
+            If there is a zero byte, as in files whose disk was full.
         """
         try:
-            block = (self._waiting or b"") + self._file.read()
+            block = (self._pushed_back or b"") + self._file.read()
         except OSError as error:
             raise from_os_error(error, self.path) from None
-        self._waiting = None
+        self._pushed_back = None
         if b"\r" in block:
             block = block.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
         zero = block.find(b"\0")
         if zero >= 0:
-            raise self._damaged(self.number + 1 + block.count(b"\n", 0, zero))
+            raise self._create_zero_error(self.number + 1 + block.count(b"\n", 0, zero))
         return block
 
-    def blocks(self, size: int = 2**22) -> Iterator[bytes]:
-        """All that follows, as `rest` gives it, in blocks of whole lines.
-
-        Parameters
-        ----------
-        size
-            Bytes that are read at once.
-
-        Raises
-        ------
-        FileFormatError
-            As `rest`; also if a line is longer than `LONGEST_LINE`.
-        """
-        left, self._waiting = self._waiting or b"", None
-        ended = False
-        while not ended:
-            try:
-                read = self._file.read(size)
-            except OSError as error:
-                raise from_os_error(error, self.path) from None
-            ended = not read
-            block = left + read
-            cut = len(block) if ended else block.rfind(b"\n") + 1
-            block, left = block[:cut], block[cut:]
-            if len(left) > LONGEST_LINE:
-                raise FileFormatError(
-                    "the line is too long",
-                    path=self.path,
-                    line=self.number + block.count(b"\n") + 1,
-                    found=f"more than {LONGEST_LINE // 2**20} MB",
-                    advice="Check that it is the file you mean.",
-                )
-            if b"\r" in block:
-                block = block.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-            zero = block.find(b"\0")
-            if zero >= 0:
-                raise self._damaged(self.number + 1 + block.count(b"\n", 0, zero))
-            if block:
-                yield block
-                self.number += block.count(b"\n")
-
-    def _raw(self) -> bytes | None:
-        if self._waiting is not None:
-            raw, self._waiting = self._waiting, None
+    def _read_raw(self) -> bytes | None:
+        if self._pushed_back is not None:
+            raw, self._pushed_back = self._pushed_back, None
             return raw
         try:
             return self._file.readline(LONGEST_LINE + 1) or None
         except OSError as error:
             raise from_os_error(error, self.path) from None
 
-    def _damaged(self, line: int) -> FileFormatError:
+    def _create_zero_error(self, line: int) -> FileFormatError:
         return FileFormatError(
             "the line holds a zero byte",
             path=self.path,

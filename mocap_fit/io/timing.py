@@ -1,4 +1,4 @@
-"""The rate of a recording, from what its file says and from the times of its frames."""
+"""The frame rate and the start time of a recording, from its file and the times of its frames."""
 
 from __future__ import annotations
 
@@ -7,24 +7,39 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_fit.errors import FileFormatError
+from mocap_fit.errors import FileFormatError, MissingRateError
+from mocap_fit.io.number_table import NumberTable
 from mocap_fit.tracks import FloatArray
 
 _GIVE_RATE = "Give the rate of the recording (rate=..., in hertz)."
 _KNOWN_RATES = (24000 / 1001, 30000 / 1001, 60000 / 1001, 120000 / 1001)
 
 
-def checked_rate(rate: float, *, path: Path, line: int | None = None) -> float:
-    """A rate that is a finite number above 0.
+def check_rate(rate: float, *, path: Path, line: int | None = None) -> float:
+    """Return a frame rate that is a finite number above 0.
+
+    Parameters
+    ----------
+    rate
+        Frame rate, hertz.
+    path
+        File for the message.
+    line
+        Line for the message.
+
+    Returns
+    -------
+    float
+        The rate, hertz.
 
     Raises
     ------
     FileFormatError
-        If it is not.
+        If it is not finite or not above 0.
     """
     if not np.isfinite(rate) or rate <= 0:
         raise FileFormatError(
-            "the frame rate is not possible",
+            "the frame rate is out of range",
             path=path,
             line=line,
             found=f"{rate:g} Hz",
@@ -34,29 +49,111 @@ def checked_rate(rate: float, *, path: Path, line: int | None = None) -> float:
     return float(rate)
 
 
-def rate_from_times(
+def determine_timing(
+    table: NumberTable,
+    *,
+    path: Path,
+    frame: int | None,
+    time: int | None,
+    time_unit: float = 1.0,
+    rate: float | None = None,
+    file_rate: float | None = None,
+    line: int | None = None,
+) -> tuple[float, float]:
+    """Determine the rate and the start time of a table with a row a frame.
+
+    The rate is that of the caller, else that of the header, else that of the times.
+
+    Parameters
+    ----------
+    table
+        Numbers of the file.
+    path
+        File for messages.
+    frame
+        Index of the column of frame numbers, which must be consecutive; None without one.
+    time
+        Index of the column of times; None without one.
+    time_unit
+        Unit of the times, seconds.
+    rate
+        Rate of the caller, hertz; it replaces that of the file.
+    file_rate
+        Rate in the header of the file, hertz; it must agree with the times within 1 per cent.
+    line
+        Line for the message of a missing rate.
+
+    Returns
+    -------
+    rate
+        Frame rate, hertz.
+    start_time
+        Time of the first frame, seconds; 0 without times.
+
+    Raises
+    ------
+    MissingRateError
+        If neither the caller nor the file says the rate.
+    FileFormatError
+        If the rate is out of range, frames are left out, or the times are missing, uneven, or
+        contradict the header.
+    """
+    if frame is not None:
+        check_consecutive(table.values[:, frame], path=path, lines=table.lines)
+    rate = None if rate is None else check_rate(rate, path=path)
+    known = file_rate if rate is None else rate
+    if time is None:
+        if known is None:
+            raise MissingRateError(
+                "the file does not say its frame rate",
+                path=path,
+                line=line,
+                advice="Add times, or give the rate (rate=..., in hertz).",
+            )
+        return known, 0.0
+    times = table.values[:, time] * time_unit
+    decimals = table.count_decimals(time) - round(np.log10(time_unit))
+    if known is None:
+        known = estimate_rate(times, decimals=decimals, path=path, lines=table.lines)
+    elif rate is None:
+        _check_rate_against_times(known, times, decimals=decimals, path=path, lines=table.lines)
+    start = float(times[0])
+    if np.isnan(start):
+        raise FileFormatError("the first frame has no time", path=path, line=int(table.lines[0]))
+    return known, start
+
+
+def estimate_rate(
     times: FloatArray, *, decimals: int, path: Path, lines: NDArray[np.intp]
 ) -> float:
-    """The rate of evenly spaced times that were rounded when they were written.
+    """Estimate the rate of evenly spaced times that were rounded when they were written.
 
-    A whole rate, a tenth, or one of the television rates is taken where it explains all times;
-    the mean rate otherwise.
+    An integer rate, one with a single decimal, or one of the television rates is chosen where it
+    explains all times; otherwise the mean rate.
 
     Parameters
     ----------
     times
-        `(frames,)`, seconds.
+        Times of the frames, ``(frames,)``, seconds.
     decimals
         Digits after the point that the times were written with.
-    path, lines
-        For messages: the file, and the line of each frame.
+    path
+        File for messages.
+    lines
+        Lines of the frames for messages, ``(frames,)``.
+
+    Returns
+    -------
+    float
+        Frame rate, hertz.
 
     Raises
     ------
     FileFormatError
-        If there is one frame only, a time is missing or does not grow, or the times are uneven.
+        If there is one frame only, a time is missing or does not increase, or the times are
+        uneven.
     """
-    check_growing(times, "time", path=path, lines=lines)
+    _check_increasing(times, "time", path=path, lines=lines)
     if len(times) < 2:
         raise FileFormatError(
             "one frame does not tell the rate", path=path, line=int(lines[0]), advice=_GIVE_RATE
@@ -64,14 +161,14 @@ def rate_from_times(
     mean = (len(times) - 1) / (times[-1] - times[0])
     resolution = 10.0**-decimals
     for candidate in (round(mean), round(mean, 1), *_KNOWN_RATES):
-        if candidate > 0 and _misfit(times, candidate) <= resolution * 1.01 + 1e-9:
+        if candidate > 0 and _compute_jitter(times, candidate) <= resolution * 1.01 + 1e-9:
             return float(candidate)
     allowed = max(0.25 / mean, resolution * 1.01)
     even = times[0] + np.arange(len(times)) / mean
     if (np.abs(times - even) > allowed).any():
         steps = np.diff(times)
         usual = float(np.median(steps))
-        # Rounded, so that of two equal ones the first is told.
+        # Rounded, so that the first of two equal ones is reported.
         row = int(np.argmax(np.round(np.abs(steps - usual), 9)))
         raise FileFormatError(
             "the times are not evenly spaced",
@@ -84,86 +181,24 @@ def rate_from_times(
     return float(mean)
 
 
-def check_rate_against_times(
-    rate: float, times: FloatArray, *, decimals: int, path: Path, lines: NDArray[np.intp]
-) -> None:
-    """Refuse times that say another rate than the header, by more than one in a hundred.
-
-    Raises
-    ------
-    FileFormatError
-        If they contradict each other, or a time is missing or does not grow.
-    """
-    check_growing(times, "time", path=path, lines=lines)
-    check_rate_against_ends(
-        rate,
-        float(times[0]),
-        float(times[-1]),
-        len(times),
-        decimals=decimals,
-        path=path,
-        line=int(lines[-1]),
-    )
-
-
-def check_rate_against_ends(
-    rate: float, first: float, last: float, frames: int, *, decimals: int, path: Path, line: int
-) -> None:
-    """As `check_rate_against_times`, where the first and the last time are all that is at hand.
-
-    Raises
-    ------
-    FileFormatError
-        If they contradict each other.
-    """
-    if frames < 2:
-        return
-    duration = last - first
-    expected = (frames - 1) / rate
-    if abs(duration - expected) > 0.01 * expected + 2.0 * 10.0**-decimals:
-        raise FileFormatError(
-            "the header's rate and the times of the frames contradict each other",
-            path=path,
-            line=line,
-            found=f"{rate:g} Hz and {(frames - 1) / duration:.6g} Hz",
-            advice="Find out which is right, and give it (rate=..., in hertz).",
-        )
-
-
-def check_growing(values: FloatArray, what: str, *, path: Path, lines: NDArray[np.intp]) -> None:
-    """Refuse a column of times or frame numbers with a gap, or one that does not grow.
-
-    Raises
-    ------
-    FileFormatError
-        With the first line that is wrong.
-    """
-    if np.isnan(values).any():
-        row = int(np.argmax(np.isnan(values)))
-        raise FileFormatError(
-            f"the frame has no {what}", path=path, line=int(lines[row]), expected="a number"
-        )
-    wrong = np.diff(values) <= 0
-    if wrong.any():
-        row = int(np.argmax(wrong)) + 1
-        raise FileFormatError(
-            f"the {what} does not grow",
-            path=path,
-            line=int(lines[row]),
-            found=f"{values[row]:g} after {values[row - 1]:g}",
-            advice="Rows are missing, doubled or out of order; export the recording again.",
-        )
-
-
 def check_consecutive(frame_numbers: FloatArray, *, path: Path, lines: NDArray[np.intp]) -> None:
-    """Refuse frame numbers that leave one out, for the frames' times would be wrong.
+    """Refuse frame numbers with a gap, because the times of the frames would be wrong.
+
+    Parameters
+    ----------
+    frame_numbers
+        Numbers of the frames, ``(frames,)``, no unit.
+    path
+        File for messages.
+    lines
+        Lines of the frames for messages, ``(frames,)``.
 
     Raises
     ------
     FileFormatError
-        With the first line that is wrong.
+        If a number is missing or is not one more than the number before.
     """
-    check_growing(frame_numbers, "frame number", path=path, lines=lines)
+    _check_increasing(frame_numbers, "frame number", path=path, lines=lines)
     wrong = np.diff(frame_numbers) != 1
     if wrong.any():
         row = int(np.argmax(wrong)) + 1
@@ -177,7 +212,47 @@ def check_consecutive(frame_numbers: FloatArray, *, path: Path, lines: NDArray[n
         )
 
 
-def _misfit(times: FloatArray, rate: float) -> float:
-    """Width of the band that holds the differences between the times and an exact rate."""
+def _check_rate_against_times(
+    rate: float, times: FloatArray, *, decimals: int, path: Path, lines: NDArray[np.intp]
+) -> None:
+    """Refuse times that contradict the rate of the header by more than 1 per cent."""
+    _check_increasing(times, "time", path=path, lines=lines)
+    if len(times) < 2:
+        return
+    duration = float(times[-1] - times[0])
+    expected = (len(times) - 1) / rate
+    if abs(duration - expected) > 0.01 * expected + 2.0 * 10.0**-decimals:
+        raise FileFormatError(
+            "the header's rate and the times of the frames contradict each other",
+            path=path,
+            line=int(lines[-1]),
+            found=f"{rate:g} Hz and {(len(times) - 1) / duration:.6g} Hz",
+            advice="Find out which is right, and give it (rate=..., in hertz).",
+        )
+
+
+def _check_increasing(
+    values: FloatArray, noun: str, *, path: Path, lines: NDArray[np.intp]
+) -> None:
+    """Refuse a column of times or frame numbers that has a gap or does not increase."""
+    if np.isnan(values).any():
+        row = int(np.argmax(np.isnan(values)))
+        raise FileFormatError(
+            f"the frame has no {noun}", path=path, line=int(lines[row]), expected="a number"
+        )
+    wrong = np.diff(values) <= 0
+    if wrong.any():
+        row = int(np.argmax(wrong)) + 1
+        raise FileFormatError(
+            f"the {noun} does not grow",
+            path=path,
+            line=int(lines[row]),
+            found=f"{values[row]:g} after {values[row - 1]:g}",
+            advice="Rows are missing, doubled or out of order; export the recording again.",
+        )
+
+
+def _compute_jitter(times: FloatArray, rate: float) -> float:
+    """Return the width of the band of differences between times and an exact rate, seconds."""
     differences = times - np.arange(len(times)) / rate
     return float(np.ptp(differences))

@@ -1,9 +1,9 @@
 """TRC files of Motion Analysis and OpenSim.
 
-Three lines of header, a line of marker names, a line of axes, perhaps a blank line, and a row a
-frame: number, time, three coordinates a marker. The unit is the header's. Gaps are blanks, and in
-the files of some converters ``0`` three times: both become NaN, so that a point measured at exactly
-(0, 0, 0) is lost. The axes stay as they are in the file; OpenSim's y points up.
+Three lines of header, a line of marker names, a line of axes, an optional blank line, and a row a
+frame: number, time, three coordinates a marker. The unit is that of the header. Gaps are blanks,
+and in the files of some converters ``0`` three times; both become NaN, so that a point measured at
+exactly (0, 0, 0) is lost. The axes stay as they are in the file; OpenSim's y points up.
 
 `start_time` is the time of the first row.
 """
@@ -13,16 +13,13 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
-from typing import Any
-
-import numpy as np
 
 from mocap_fit.errors import FileFormatError
 from mocap_fit.io import finalise
-from mocap_fit.io.number_table import number, read_numbers
+from mocap_fit.io.number_table import parse_number, read_numbers
 from mocap_fit.io.qualisys_header import is_title_row
-from mocap_fit.io.text import TextFile, first_lines
-from mocap_fit.io.timing import check_consecutive, check_rate_against_times, checked_rate
+from mocap_fit.io.text import TextFile, read_first_lines
+from mocap_fit.io.timing import check_rate, determine_timing
 from mocap_fit.tracks import MarkerTracks
 
 NAME = "trc"
@@ -33,8 +30,19 @@ _AGAIN = "Export the recording again."
 
 
 def sniff(path: str | os.PathLike[str]) -> bool:
-    """Whether the file starts with ``PathFileType``."""
-    lines = first_lines(path, 1, 4096)
+    """Return whether a file starts with ``PathFileType``.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    bool
+        Whether it looks like a TRC file.
+    """
+    lines = read_first_lines(path, 1, 4096)
     return bool(lines) and lines[0].startswith("PathFileType")
 
 
@@ -49,90 +57,76 @@ def read(
     Parameters
     ----------
     path
-        The file.
+        File to read.
     names
-        Names of the markers in the order of the file, in place of the file's own.
+        Names of the markers, in the order of the file; they replace those of the file.
     rate
-        Frames per second, in place of the file's own.
+        Frame rate, hertz; it replaces that of the file.
+
+    Returns
+    -------
+    MarkerTracks
+        Positions in millimetres, in the axes of the file.
 
     Raises
     ------
     FileFormatError
-        With the file and the line, if the file cannot be read as it stands.
+        With the file and the line, if the file does not follow its format.
 
     Warns
     -----
     MocapFitWarning
-        If the file was cut off.
+        If the file is cut off.
     """
     with TextFile(path) as text:
-        values = _header_values(text)
-        found = _marker_names(text)
-        announced = _count(text, values, "NumMarkers")
-        if announced is not None and announced != len(found):
+        values = _read_header(text)
+        file_names = _read_names(text)
+        announced = _parse_count(text, values, "NumMarkers")
+        if announced is not None and announced != len(file_names):
             raise FileFormatError(
                 "NumMarkers and the marker names contradict each other",
                 path=text.path,
                 line=3,
-                found=f"{announced} and {len(found)} names",
+                found=f"{announced} and {len(file_names)} names",
                 advice=_AGAIN,
             )
-        marker_names = finalise.chosen_names(found, names, path=text.path, line=4) or ()
-        columns = ["frame", "time", *(f"{name} {axis}" for name in marker_names for axis in "XYZ")]
-        frames = _count(text, values, "NumFrames")
+        used_names = finalise.choose_names(file_names, names, path=text.path, line=4) or ()
         table = read_numbers(
-            text.rest(),
-            columns,
+            text.read_rest(),
+            ["frame", "time", *(f"{name} {axis}" for name in used_names for axis in "XYZ")],
             separator="\t",
             first_line=text.number + 1,
             path=text.path,
-            expected_rows=frames,
+            expected_rows=_parse_count(text, values, "NumFrames"),
         )
     if "units" not in values:
         raise FileFormatError(
             "the header has no Units", path=text.path, line=2, expected="mm or m", advice=_AGAIN
         )
-    scale = finalise.millimetres(values["units"], path=text.path, line=3)
-    times, decimals = table.values[:, 1], table.decimals(1)
-    check_consecutive(table.values[:, 0], path=text.path, lines=table.lines)
-    arguments: dict[str, Any] = {"unit": values["units"]}
-    if rate is not None:
-        arguments["rate"] = rate = checked_rate(rate, path=text.path)
-    else:
-        said = number(values.get("datarate", ""))
-        if said is None:
-            raise FileFormatError(
-                "DataRate is not a number",
-                path=text.path,
-                line=3,
-                found=f"'{values['datarate']}'",
-                advice="Correct it, or give the rate (rate=..., in hertz).",
-            )
-        rate = checked_rate(said, path=text.path, line=3)
-        check_rate_against_times(rate, times, decimals=decimals, path=text.path, lines=table.lines)
-    if np.isnan(times[0]):
-        raise FileFormatError(
-            "the first frame has no time", path=text.path, line=int(table.lines[0])
-        )
-    if names is not None:
-        arguments["names"] = list(marker_names)
-    positions = table.values[:, 2:].reshape(len(table.values), -1, 3)
-    positions = np.where((positions == 0).all(axis=2, keepdims=True), np.nan, positions) * scale
-    return finalise.markers(
+    scale = finalise.get_millimetres(values["units"], path=text.path, line=3)
+    used_rate, start_time = determine_timing(
+        table,
+        path=text.path,
+        frame=0,
+        time=1,
+        rate=rate,
+        file_rate=_parse_rate(text, values) if rate is None else None,
+    )
+    return finalise.create_tracks(
+        MarkerTracks,
         text.path,
         NAME,
-        marker_names,
-        rate,
-        positions,
-        start_time=float(times[0]),
-        arguments=arguments,
-        unit_is_known=True,
+        used_names,
+        used_rate,
+        {"positions": finalise.mark_zeros(table.to_positions(2)) * scale},
+        start_time=start_time,
+        arguments=finalise.list_arguments(used_names, names, rate, unit=values["units"]),
     )
 
 
-def _header_values(text: TextFile) -> dict[str, str]:
-    """The words of line 2, in lower case, with the values of line 3."""
-    first = text.line() or ""
+def _read_header(text: TextFile) -> dict[str, str]:
+    """Return the values of line 3 by the words of line 2, in lower case."""
+    first = text.read_line() or ""
     if not first.startswith("PathFileType"):
         raise FileFormatError(
             "this is not a TRC file",
@@ -142,9 +136,9 @@ def _header_values(text: TextFile) -> dict[str, str]:
             expected="PathFileType",
             advice="Check that it is the file you mean.",
         )
-    lines = [text.line(), text.line()]
+    lines = [text.read_line(), text.read_line()]
     if None in lines:
-        raise _cut_off(text)
+        raise _create_cut_off_error(text)
     words, values = ((line or "").split("\t") for line in lines)
     if len(words) < 3:
         words, values = ((line or "").split() for line in lines)
@@ -152,15 +146,15 @@ def _header_values(text: TextFile) -> dict[str, str]:
     return {word.strip().lower(): value.strip() for word, value in pairs if word.strip()}
 
 
-def _marker_names(text: TextFile) -> list[str]:
-    """The names of line 4, each of which is followed by two blank cells; line 5 is passed."""
-    line = text.line()
+def _read_names(text: TextFile) -> list[str]:
+    """Return the names of line 4, with two blank cells after each, and pass line 5."""
+    line = text.read_line()
     if line is None:
-        raise _cut_off(text)
+        raise _create_cut_off_error(text)
     cells = [cell.strip() for cell in line.split("\t")]
     if [cell.lower() for cell in cells[:2]] not in (["frame#", "time"], ["frame", "time"]):
         raise FileFormatError(
-            "the line of marker names is not where it belongs",
+            "the line of marker names is missing",
             path=text.path,
             line=text.number,
             found="\t".join(cells[:2])[:60],
@@ -172,13 +166,26 @@ def _marker_names(text: TextFile) -> list[str]:
         raise FileFormatError(
             "the file names no marker", path=text.path, line=text.number, advice=_AGAIN
         )
-    axes = text.line()
+    axes = text.read_line()
     if axes is not None and not is_title_row(axes.split("\t")):
         text.push_back()
     return names
 
 
-def _count(text: TextFile, values: dict[str, str], word: str) -> int | None:
+def _parse_rate(text: TextFile, values: dict[str, str]) -> float:
+    rate = parse_number(values.get("datarate", ""))
+    if rate is None:
+        raise FileFormatError(
+            "DataRate is not a number",
+            path=text.path,
+            line=3,
+            found=f"'{values['datarate']}'",
+            advice="Correct it, or give the rate (rate=..., in hertz).",
+        )
+    return check_rate(rate, path=text.path, line=3)
+
+
+def _parse_count(text: TextFile, values: dict[str, str], word: str) -> int | None:
     value = values.get(word.lower())
     if value is None:
         return None
@@ -188,13 +195,13 @@ def _count(text: TextFile, values: dict[str, str], word: str) -> int | None:
             path=text.path,
             line=3,
             found=f"'{value}'",
-            expected="a whole number",
+            expected="an integer",
             advice=_AGAIN,
         )
     return int(value)
 
 
-def _cut_off(text: TextFile) -> FileFormatError:
+def _create_cut_off_error(text: TextFile) -> FileFormatError:
     return FileFormatError(
         "the file is cut off in its header", path=text.path, line=text.number, advice=_AGAIN
     )

@@ -21,7 +21,7 @@ from mocap_fit.errors import (
     MocapFitError,
     from_os_error,
 )
-from mocap_fit.io.text import checked_file
+from mocap_fit.io.text import check_file
 from mocap_fit.registry import Registry
 
 LABEL_READERS = Registry("mocap_fit.label_readers", "label reader")
@@ -175,7 +175,7 @@ def find_label_reader(path: str | os.PathLike[str]) -> str:
     MocapFitWarning
         If a reader cannot be loaded; it is passed over.
     """
-    return LABEL_READERS.find(checked_file(path), ambiguous_extensions=False)
+    return LABEL_READERS.find(check_file(path), ambiguous_extensions=False)
 
 
 def read_all_labels(
@@ -202,7 +202,7 @@ def read_all_labels(
     MocapFitWarning
         If the file is neither UTF-8 nor UTF-16, and is read as Latin-1.
     """
-    file = checked_file(path)
+    file = check_file(path)
     name = find_label_reader(file) if reader is None else reader
     chosen = _reader(name)
     try:

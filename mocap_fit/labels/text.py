@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from mocap_fit.errors import DataError, FileFormatError, MocapFitWarning, from_os_error
-from mocap_fit.io.text import checked_file, read_head
+from mocap_fit.io.text import check_file, read_head
 from mocap_fit.labels.readers import Label, Labels
 
 LARGEST_FILE = 256 * 2**20
@@ -42,7 +42,7 @@ def label_text(path: str | os.PathLike[str]) -> str:
     MocapFitWarning
         If it is neither UTF-8 nor UTF-16.
     """
-    file = checked_file(path)
+    file = check_file(path)
     try:
         if file.stat().st_size > LARGEST_FILE:
             raise FileFormatError(

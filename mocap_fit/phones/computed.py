@@ -123,7 +123,7 @@ def _compute_consonant(letters: str, sound: Any) -> dict[str, float]:
     voiced = {"voiced": float(sound["voi"] == 1)}
     return (
         values
-        | _compute_place(letters, sound)
+        | _compute_articulation(letters, sound)
         | _compute_manner(letters, sound)
         | _compute_lips(sound)
         | voiced
@@ -134,7 +134,7 @@ def _is_postalveolar(sound: Any) -> bool:
     return bool(sound["cor"] == 1 and sound["ant"] != 1 and sound["distr"] == 1)
 
 
-def _compute_place(letters: str, sound: Any) -> dict[str, float]:
+def _compute_articulation(letters: str, sound: Any) -> dict[str, float]:
     values: dict[str, float] = {}
     high, back = sound["hi"] == 1, sound["back"] == 1
     if letters[0] in _LABIODENTAL:

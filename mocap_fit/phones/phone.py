@@ -121,7 +121,7 @@ class Phone:
         belongs = {
             "vowel": self.kind == "vowel",
             "no_speech": self.kind == "silence",
-            "bilabial_stop": _closes_lips(value),
+            "bilabial_stop": _is_lip_closure(value),
             "labiodental": value["labiodental"] == 1,
             "fricative": value["fricative"] == 1,
         }
@@ -172,7 +172,7 @@ class Phone:
         )
 
 
-def _closes_lips(values: Mapping[str, float]) -> bool:
+def _is_lip_closure(values: Mapping[str, float]) -> bool:
     return values["bilabial"] == 1 and (values["stop"] == 1 or values["nasal"] == 1)
 
 
@@ -187,7 +187,7 @@ def _derive_resistance(values: Mapping[str, float]) -> frozenset[str]:
     """
     sibilant = values["fricative"] == 1 and max(values["alveolar"], values["retroflex"]) == 1
     rules = [
-        (_closes_lips(values), ("upper_lip_raise", "lower_lip_depression")),
+        (_is_lip_closure(values), ("upper_lip_raise", "lower_lip_depression")),
         (values["labiodental"] == 1, ("lower_lip_retraction", "lower_lip_depression")),
         (values["rounded"] >= _CLEARLY_ROUNDED, ("lip_rounding",)),
         (

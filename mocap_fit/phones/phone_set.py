@@ -145,7 +145,7 @@ class PhoneSet:
             for spelling in (phone.symbol, *phone.also):
                 key = self._to_key(spelling)
                 if key in spellings:
-                    raise self._ambiguous(
+                    raise self._create_ambiguity_error(
                         spelling, f"'{spellings[key].symbol}' and '{phone.symbol}'"
                     )
                 spellings[key] = phone
@@ -154,9 +154,11 @@ class PhoneSet:
             for level in self.stress.levels if phone.takes_stress else ():
                 written = self.stress.write(phone.symbol, level)
                 if self._look_up(written) not in (None, phone):
-                    raise self._ambiguous(written, f"'{phone.symbol}' with stress and '{written}'")
+                    raise self._create_ambiguity_error(
+                        written, f"'{phone.symbol}' with stress and '{written}'"
+                    )
 
-    def _ambiguous(self, symbol: str, phones: str) -> ConfigurationError:
+    def _create_ambiguity_error(self, symbol: str, phones: str) -> ConfigurationError:
         return ConfigurationError(
             f"'{symbol}' of the phone set '{self.name}' stands for two phones",
             found=phones,

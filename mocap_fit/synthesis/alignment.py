@@ -27,7 +27,7 @@ from mocap_fit.errors import (
     MissingExtraError,
     from_os_error,
 )
-from mocap_fit.io.text import checked_file
+from mocap_fit.io.text import check_file
 from mocap_fit.phones import PhoneSegment, PhoneSequence, PhoneSet, load_phone_set, normalise_phones
 from mocap_fit.tracks import FloatArray
 
@@ -292,7 +292,7 @@ def _decoder(
     for key, path in (("dict", dictionary), ("hmm", acoustic_model)):
         if path is not None:
             if key == "dict":
-                checked_file(path)
+                check_file(path)
             elif not (Path(path) / "mdef").is_file():
                 raise ConfigurationError(
                     "this is no acoustic model of pocketsphinx",
@@ -364,7 +364,7 @@ def _prepared(samples: FloatArray, rate: float) -> bytes:
 def _read_wav(path: str | os.PathLike[str]) -> tuple[FloatArray, float]:
     from scipy.io import wavfile
 
-    file = checked_file(path)
+    file = check_file(path)
     try:
         with warnings.catch_warnings():
             # Chunks that say nothing of the sound.

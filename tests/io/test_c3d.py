@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mocap_fit.errors import FileFormatError, MocapFitWarning
-from mocap_fit.io import read_stretches, read_tracks
+from mocap_fit.io import read_tracks
 from mocap_fit.tracks import Event, Origin
 
 
@@ -182,7 +182,3 @@ def test_more_frames_than_sixteen_bits_hold(tmp_path: Path, how: str) -> None:
     assert tracks.frames == frames
     np.testing.assert_array_equal(tracks.positions[:, 0, 0], np.arange(frames))
     assert np.argwhere(~tracks.visible).tolist() == [[5, 1]]
-    parts = list(read_stretches(path, frames=30_000))
-    assert [part.frames for part in parts] == [30_000, 30_000, 10_000]
-    assert parts[2].start_time == 240.0
-    assert parts[2].positions[-1, 2, 0] == frames - 1

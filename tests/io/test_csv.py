@@ -77,7 +77,7 @@ def test_metres_are_suspected(tmp_path: Path) -> None:
 def test_a_file_cut_off_in_a_row(recordings: Path, made: ModuleType, tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_bytes((recordings / "commas.csv").read_bytes()[:-30])
-    with pytest.warns(MocapFitWarning, match=r"line 13.* 11 whole rows"):
+    with pytest.warns(MocapFitWarning, match=r"line 13.* 11 complete rows"):
         assert read_tracks(path).frames == 11
 
 

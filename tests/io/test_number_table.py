@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from mocap_fit.errors import FileFormatError, MocapFitWarning
 from mocap_fit.io import number_table
-from mocap_fit.io.number_table import NumberTable, number, read_numbers
+from mocap_fit.io.number_table import NumberTable, parse_number, read_numbers
 
 CELLS = st.one_of(
     st.floats(-1e6, 1e6).map(repr),
@@ -37,7 +37,7 @@ def table(block: bytes, columns: int = 3, separator: str = "\t") -> NumberTable:
 def test_both_parsers_agree(rows: list[list[str]]) -> None:
     block = "".join("\t".join(row) + "\n" for row in rows).encode()
     read = table(block)
-    expected = [[number(cell) for cell in row] for row in rows]
+    expected = [[parse_number(cell) for cell in row] for row in rows]
     np.testing.assert_array_equal(read.values, np.array(expected, dtype=np.float64))
     assert read.lines.tolist() == list(range(5, 5 + len(rows)))
     assert read.lost_line is None
@@ -45,8 +45,8 @@ def test_both_parsers_agree(rows: list[list[str]]) -> None:
 
 def test_what_the_fast_parser_refuses_is_read_by_cell() -> None:
     block = b"1\t  \t3\n 4 \t5\t6\n"
-    lines = number_table._lines_of(block, "\t", 1, 3)
-    assert number_table._parsed_fast(lines, 3, "\t", False) is None
+    lines = number_table._split_lines(block, "\t", 1, 3)
+    assert number_table._parse_fast(lines, 3, "\t", False) is None
     np.testing.assert_array_equal(table(block).values, [[1, np.nan, 3], [4, 5, 6]])
 
 
@@ -87,7 +87,7 @@ def test_without_a_last_line_end_digits_tell_whether_the_row_is_whole() -> None:
 
 def test_decimals_are_those_of_the_text() -> None:
     read = table(b"1\t0.10\t1e-3\n2\t0.2\t5\n")
-    assert [read.decimals(column) for column in range(3)] == [0, 2, 9]
+    assert [read.count_decimals(column) for column in range(3)] == [0, 2, 9]
 
 
 def test_a_long_recording_is_read_fast() -> None:

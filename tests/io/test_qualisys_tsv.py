@@ -98,10 +98,10 @@ def test_an_event_without_time_has_that_of_its_frame(made: ModuleType, tmp_path:
 
 
 def test_a_cut_off_recording_keeps_its_whole_rows(recordings: Path, made: ModuleType) -> None:
-    with pytest.warns(MocapFitWarning, match=r"line 23: .* 11 whole rows .* announces 12"):
+    with pytest.warns(MocapFitWarning, match=r"line 23: .* 11 complete rows .* announces 12"):
         tracks = read_tracks(recordings / "qualisys_3d_cut_off.tsv")
     np.testing.assert_allclose(tracks.positions, made.positions()[:11], rtol=0, atol=1e-9)
-    with pytest.warns(MocapFitWarning, match=r"10 whole rows .* announces 12"):
+    with pytest.warns(MocapFitWarning, match=r"10 complete rows .* announces 12"):
         tracks = read_tracks(recordings / "qualisys_3d_cut_off_after_row.tsv")
     assert tracks.frames == 10
 
@@ -123,7 +123,7 @@ def test_a_cut_at_any_byte_never_changes_a_number(made: ModuleType, tmp_path: Pa
 
 def test_more_rows_than_announced_are_kept_and_told(made: ModuleType, tmp_path: Path) -> None:
     path = export(tmp_path / "a.tsv", [*made.header(frames=10), made.titles(), *made.rows()])
-    with pytest.warns(MocapFitWarning, match=r"12 whole rows .* announces 10"):
+    with pytest.warns(MocapFitWarning, match=r"12 complete rows .* announces 10"):
         assert read_tracks(path).frames == 12
 
 

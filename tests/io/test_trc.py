@@ -34,7 +34,7 @@ def test_zeros_are_gaps(made: ModuleType, tmp_path: Path) -> None:
 def test_a_file_cut_off_in_a_row(made: ModuleType, tmp_path: Path) -> None:
     path = tmp_path / "a.trc"
     path.write_bytes(made.text(made.trc())[:-50])
-    with pytest.warns(MocapFitWarning, match=r"line 18.* 11 whole rows"):
+    with pytest.warns(MocapFitWarning, match=r"line 18.* 11 complete rows"):
         assert read_tracks(path).frames == 11
 
 
