@@ -25,6 +25,7 @@ _HOMES: dict[str, str] = {
     "remove_head_motion": "mocap_fit.head",
     "load_face": "mocap_fit.face",
     "load_layout": "mocap_fit.fitting",
+    "load_phone_set": "mocap_fit.phones",
     "bind_markers": "mocap_fit.fitting",
     "fit_orientation": "mocap_fit.fitting",
     "fit_shape": "mocap_fit.fitting",
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
     from mocap_fit.io import read_tracks as read_tracks
     from mocap_fit.io import write_tracks as write_tracks
     from mocap_fit.labels import read_phones as read_phones
+    from mocap_fit.phones import load_phone_set as load_phone_set
     from mocap_fit.render import render_movie as render_movie
     from mocap_fit.sound import read_sound as read_sound
     from mocap_fit.synthesis import synthesise as synthesise

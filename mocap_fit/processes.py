@@ -151,7 +151,8 @@ def run_in_processes(
             )
             continue
         alone = deque([suspects.popleft()])
-        for index, _ in (yield from _run_pool(work, shared, alone, 1, progress, copies, in_order)):
+        left = yield from _run_pool(work, shared, alone, 1, progress, copies, in_order)
+        for index, _ in left:
             yield (
                 index,
                 DeadProcess("the process that worked on it was killed, or ran out of memory"),
@@ -205,7 +206,7 @@ def _run_pool(
                 slot = slots.pop()
                 counts[2 * slot] = counts[2 * slot + 1] = 0
                 try:
-                    with _block_interrupt():
+                    with _disable_interrupt():
                         future = pool.submit(_run_item, slot, waiting[0][1])
                 except BrokenProcessPool:
                     lost.append(waiting.popleft())
@@ -276,7 +277,7 @@ def _send(shared: Any, processes: int, receiver: _Receiver, sender: Any) -> None
 
 
 @contextlib.contextmanager
-def _block_interrupt() -> Iterator[None]:
+def _disable_interrupt() -> Iterator[None]:
     """Start processes that Ctrl-C does not reach; this process ends them."""
     if not hasattr(signal, "pthread_sigmask"):
         yield

@@ -132,9 +132,9 @@ class ShapeFit:
             Parameters above, with bands of 95 per cent, and below the root mean square residual
             of the markers in millimetres.
         """
-        from mocap_fit.drawing import CYCLE, GREY, new_figure
+        from mocap_fit.drawing import CYCLE, GREY, create_figure
 
-        figure, panels = new_figure((9.0, 6.0), 2, 1, sharex=True, height_ratios=(3, 1))
+        figure, panels = create_figure((9.0, 6.0), 2, 1, sharex=True, height_ratios=(3, 1))
         upper, lower = panels[:, 0]
         tracks = self.parameters
         for i, name in enumerate(tracks.names):

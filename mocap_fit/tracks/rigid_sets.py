@@ -234,7 +234,7 @@ def _measure_distance_changes(positions: FloatArray) -> FloatArray:
 def _average_shape(positions: FloatArray) -> FloatArray:
     """Return the frame that shows most, with the other markers at their mean offset from it."""
     frame = int(np.argmax((~np.isnan(positions[:, :, 0])).sum(axis=1)))
-    shape = positions[frame].copy()
+    shape: FloatArray = positions[frame].copy()
     missing = np.isnan(shape).any(axis=1)
     if missing.any():
         centre = np.nanmean(positions - np.nanmean(positions, axis=1, keepdims=True), axis=0)
