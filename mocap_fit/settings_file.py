@@ -181,8 +181,20 @@ def _locate(package: str, folder: str) -> Traversable:
 def find_first_fault(content: object, faults: Sequence[Any]) -> tuple[str, str]:
     """Return the location of pydantic's first error in a file, and what is wrong there.
 
-    The location lists the keys that lead to it, such as ``markers.3 'chin'.weight``; it is empty
-    for the complete file. Entries of a list count from 0; one that has a name is shown with it.
+    Parameters
+    ----------
+    content
+        The tables and values of the file.
+    faults
+        The errors that pydantic lists.
+
+    Returns
+    -------
+    location : str
+        The keys that lead to it, such as ``markers.3 'chin'.weight``; empty for the complete
+        file. Entries of a list count from 0; one that has a name is shown with it.
+    problem : str
+        What is wrong, without a full stop.
     """
     fault = faults[0]
     location = []

@@ -169,7 +169,13 @@ def _compose(text: str) -> str:
 
 
 def list_phone_sets() -> tuple[str, ...]:
-    """Names of the phone sets that come with the package."""
+    """Return the names of the phone sets that come with the package.
+
+    Returns
+    -------
+    tuple of str
+        The names, sorted.
+    """
     return list_shipped(__package__, "sets")
 
 
@@ -181,12 +187,28 @@ def load_phone_set(name: str | Path) -> PhoneSet:
     name
         The name of a set that comes with the package (`list_phone_sets`), or a TOML file.
 
+    Returns
+    -------
+    PhoneSet
+        The set.
+
     Raises
     ------
     MissingFileError
         If there is no such set.
     ConfigurationError
         If its file contradicts itself; the message says where.
+
+    See Also
+    --------
+    read_phones : Read the phones of an utterance.
+
+    Examples
+    --------
+    >>> import mocap_fit as mf
+    >>> phone_set = mf.load_phone_set("en-arpabet")
+    >>> phone_set.language
+    'en'
     """
     table = load_settings(_SetFile, name, package=__package__, folder="sets", noun="phone set")
     compute = None

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mocap_fit._version import __version__
 from mocap_fit.errors import DataError
 from mocap_fit.tracks.interpolation import Interpolation, interpolate
+from mocap_fit.tracks.provenance import Event, Provenance, Step
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,71 +25,6 @@ _TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
-class Step:
-    """One step of a provenance.
-
-    Parameters
-    ----------
-    name
-        What was done, such as ``fill_gaps``.
-    arguments
-        The arguments of the step: values that JSON can hold; never a clock time, an absolute path
-        or a number of jobs, so that the same input gives the same bytes.
-    version
-        The version of mocap-fit that did it.
-    """
-
-    name: str
-    arguments: Mapping[str, Any] = field(default_factory=dict)
-    version: str = field(default_factory=lambda: __version__)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the step as values that JSON can hold.
-
-        Returns
-        -------
-        dict
-            ``step``, ``arguments`` and ``version``.
-        """
-        return {"step": self.name, "arguments": dict(self.arguments), "version": self.version}
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Step:
-        """Make a step of what `to_dict` returned.
-
-        Parameters
-        ----------
-        values
-            ``step``, ``arguments`` and ``version``.
-
-        Returns
-        -------
-        Step
-            The step.
-        """
-        return cls(values["step"], values.get("arguments", {}), values.get("version", ""))
-
-
-Provenance = tuple[Step, ...]
-
-
-@dataclass(frozen=True)
-class Event:
-    """A moment that the operator or the recorder marked.
-
-    Parameters
-    ----------
-    name
-        What happened.
-    time
-        When, in seconds.
-    """
-
-    name: str
-    time: float
-
-
-@dataclass(frozen=True)
 class TrackArray:
     """The declaration of one array of a kind of tracks.
 
@@ -98,9 +33,9 @@ class TrackArray:
     attribute
         The name of the array.
     columns
-        Its columns in a table, in the order of its flattened trailing axes: each is added to the
-        name of the track, as in ``chin_x``; empty for the track's name alone. The only column of
-        an array with one value a frame has this name alone.
+        Its columns in a table, in the order of its flattened trailing axes: the endings of their
+        names, which follow the track's, such as ``x`` of ``chin_x``; empty for the track's name
+        alone. The column of an array without tracks has this name alone.
     shape
         Trailing axes, after frames and tracks.
     interpolation

@@ -31,7 +31,7 @@ def write_table(
     Parameters
     ----------
     columns
-        pyarrow arrays of one length, by name.
+        Arrays of pyarrow with one length, by name.
     description
         Values that JSON can hold: the ``kind`` of the table, and what the columns do not say;
         ``format_version`` is added.

@@ -379,14 +379,14 @@ def sample_evenly(rows: FloatArray, limit: int) -> FloatArray:
     Parameters
     ----------
     rows
-        Any array of no unit, ``(rows, ...)``.
+        An array in any unit, ``(rows, ...)``.
     limit
         Largest number of rows to return.
 
     Returns
     -------
     ndarray
-        The rows, a view.
+        A view, ``(rows, ...)``.
     """
     stride = 1
     while -(-len(rows) // stride) > limit:

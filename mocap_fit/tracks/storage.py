@@ -24,13 +24,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mocap_fit.errors import DataError, FileFormatError
-from mocap_fit.tracks.base import Event, Provenance, Step, TrackArray, Tracks
+from mocap_fit.tracks.base import TrackArray, Tracks
 from mocap_fit.tracks.parquet_file import (
     from_damaged_table,
     read_kind,
     read_table,
     write_table,
 )
+from mocap_fit.tracks.provenance import Event, Provenance, Step
 from mocap_fit.tracks.types import TRACK_KINDS
 
 if TYPE_CHECKING:
