@@ -96,7 +96,6 @@ PENDING = (
     "corpus_tools/training",
     "corpus_tools/validation",
     "mocap_fit/control/cart",
-    "mocap_fit/control/rule_",
     "mocap_fit/evaluation",
     "mocap_fit/labels",
     "mocap_fit/render",

@@ -11,6 +11,7 @@ from __future__ import annotations
 import abc
 import contextlib
 import dataclasses
+import json
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -191,7 +192,7 @@ class ControlModel(abc.ABC):
         header, arrays = self._to_file()
         other_header, other_arrays = other._to_file()
         return (
-            header == other_header
+            json.dumps(header) == json.dumps(other_header)
             and arrays.keys() == other_arrays.keys()
             and all(
                 np.array_equal(array, other_arrays[key], equal_nan=array.dtype.kind == "f")
@@ -452,8 +453,9 @@ class ControlModel(abc.ABC):
             with CONTROL_MODELS.guard(kind.name):
                 yield
         except RegistryError as error:
-            if error.__cause__ in errors_of_caller:
-                raise error.__cause__ from None
+            for caught in errors_of_caller:
+                if error.__cause__ is caught:
+                    raise caught from None
             raise
 
     def _check_fitted(self) -> None:

@@ -165,9 +165,8 @@ class Ridge(SymbolModel):
                 equations = self._build_equations(training)
                 for i, l2 in enumerate(_GRID):
                     self.weights_ = equations.solve(l2)
-                    pairs = ((u.values, self._predict(u.phones, u.times)) for u in test)
-                    errors[i] += compute_rmse(pairs) ** 2
-        return _GRID[int(np.argmin(errors))]
+                    errors[i] += self._compute_error(test) ** 2
+        return float(_GRID[int(np.argmin(errors))])
 
     def _find_features(self, phones: PhoneSequence, times: FloatArray) -> IntArray:
         """Return the features that are 1 at each time, ``(times, 2 * context + 2)``."""

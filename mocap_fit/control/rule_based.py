@@ -1,6 +1,6 @@
 """The rule-based model (Beskow 1995, as described in Beskow, section 1.2).
 
-Every phone has targets, and may leave some of them unspecified. What is unspecified is found from
+Every phone has targets, and may leave some of them unspecified. What is unspecified follows from
 the context: a straight line from the last specified target to the next. The trajectory is smoothed.
 """
 
@@ -30,8 +30,8 @@ _OFFSETS = np.linspace(-1.0, 1.0, 17)[1:-1]
 _SHARES = (1.0 + np.cos(np.pi * _OFFSETS)) / np.sum(1.0 + np.cos(np.pi * _OFFSETS))
 
 
-class _Held(NamedTuple):
-    """A target that is held over a stretch of time."""
+class _HeldTarget(NamedTuple):
+    """A target that is held for some time, seconds."""
 
     start: float
     end: float
@@ -40,20 +40,20 @@ class _Held(NamedTuple):
     reach: bool
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class RuleBased(ControlModel):
     """Targets by rule, unspecified ones from context, smoothed. It learns nothing from a corpus.
 
-    `prepare` makes it work without one; `fit` takes the phone set, the parameters and the rate of a
-    corpus and no more. A parameter that no phone of an utterance specifies stays at rest (0).
+    `prepare` makes it work without one; `fit` uses only the phone set, the parameters and the rate
+    of a corpus. A parameter that no phone of an utterance specifies stays at rest (0).
 
     Parameters
     ----------
     stress
         Whether vowels that are marked as unstressed move less.
     rules
-        A table of rules of one's own (TOML); else that of the phone set's language, and features
-        for other sounds and languages.
+        Path of another table of rules (TOML); by default that of the phone set's language, and
+        features for other sounds and languages.
     """
 
     stress: bool = True
@@ -68,26 +68,28 @@ class RuleBased(ControlModel):
         parameter_names: Sequence[str] = ARTICULATORY_PARAMETERS,
         rate: float = 60.0,
     ) -> Self:
-        """Get ready to predict without a corpus.
+        """Prepare the model to predict without a corpus.
 
         Parameters
         ----------
         phone_set
-            What the phones will be written in, or its name.
+            The phone set of the phones to come, or its name.
         parameter_names
-            The parameters to give.
+            The parameters to predict.
         rate
-            Frames per second where `predict` is not told.
+            Frames per second of `predict` by default, hertz.
 
         Returns
         -------
         RuleBased
-            Itself.
+            The model itself.
 
         Raises
         ------
         ConfigurationError
             If there is no such phone set, or the table of rules is wrong.
+        MissingFileError
+            If there is no such table of rules.
         """
         chosen = load_phone_set(phone_set) if isinstance(phone_set, str) else phone_set
         table = load_rules(chosen, self.rules)
@@ -109,7 +111,7 @@ class RuleBased(ControlModel):
 
     @property
     def parameter_count(self) -> int:
-        """None is learned."""
+        """Zero: nothing is learned."""
         return 0
 
     def _state(self) -> tuple[dict[str, Any], dict[str, np.ndarray[Any, Any]]]:
@@ -121,69 +123,69 @@ class RuleBased(ControlModel):
         self.table_ = load_rules(self.phone_set_, self.rules)
 
     def _predict(self, phones: PhoneSequence, times: FloatArray) -> FloatArray:
-        held: dict[str, list[_Held]] = {name: [] for name in self.parameter_names_}
+        targets: dict[str, list[_HeldTarget]] = {name: [] for name in self.parameter_names_}
         for segment in phones:
-            self._add(segment, held)
+            self._add_targets(segment, targets)
         points = times[:, None] + self.table_.window * _OFFSETS
         values = np.zeros((len(times), len(self.parameter_names_)))
         for column, name in enumerate(self.parameter_names_):
-            if held[name]:
-                knots, targets = _line(held[name])
-                values[:, column] = np.interp(points, knots, targets) @ _SHARES
+            if targets[name]:
+                knots, heights = _to_line(targets[name])
+                values[:, column] = np.interp(points, knots, heights) @ _SHARES
         return values
 
-    def _add(self, segment: PhoneSegment, held: dict[str, list[_Held]]) -> None:
+    def _add_targets(self, segment: PhoneSegment, targets: dict[str, list[_HeldTarget]]) -> None:
         """Add what a segment specifies."""
         phone = self.phone_set_.get_phone(segment)
-        parts = self.table_.parts(phone)
-        unstressed = self.stress and segment.stress == 0 and phone.kind == "vowel"
-        factor = self.table_.unstressed if unstressed else 1.0
+        parts = self.table_.get_parts(phone)
+        is_unstressed = self.stress and segment.stress == 0 and phone.kind == "vowel"
+        factor = self.table_.unstressed if is_unstressed else 1.0
         length = segment.duration / len(parts)
+        # Smoothing preserves a target that is held as far as the window reaches.
+        window = self.table_.window
+        firm = max(0.5 * length + 0.25 * window, window)
         for position, part in enumerate(parts):
             centre = segment.start + (position + 0.5) * length
             for name, value in part.targets.items():
-                if name not in held:
+                if name not in targets:
                     continue
                 reach = name in part.reach
-                # The smoothing gives a target back where it is held as far as the window reaches.
-                window = self.table_.window
-                firm = max(0.5 * length + 0.25 * window, window)
                 half = firm if reach else 0.5 * length * self.table_.hold
-                held[name].append(
-                    _Held(centre - half, centre + half, centre, factor * value, reach)
+                targets[name].append(
+                    _HeldTarget(centre - half, centre + half, centre, factor * value, reach)
                 )
 
 
-def _line(held: list[_Held]) -> tuple[FloatArray, FloatArray]:
-    """Knots and values of the line through all targets, in the order of time.
+def _to_line(targets: list[_HeldTarget]) -> tuple[FloatArray, FloatArray]:
+    """Return times and values of the line through all targets, in the order of time.
 
-    Where two stretches meet, one that is to be reached goes first, and a target whose centre
-    another one covers is left out; two of a kind share what both want.
+    Where two targets overlap, one that is to be reached comes first, and a target whose centre
+    another one covers is left out; two of a kind share the time that both want.
     """
-    kept: list[_Held] = []
-    for target in held:
+    line: list[_HeldTarget] = []
+    for target in targets:
         now = target
-        while kept and kept[-1].end > now.start:
-            before = kept[-1]
+        while line and line[-1].end > now.start:
+            before = line[-1]
             if before.reach and not now.reach:
                 if before.end >= now.centre:
                     break
                 now = now._replace(start=before.end)
             elif now.reach and not before.reach:
                 if now.start <= before.centre:
-                    kept.pop()
+                    line.pop()
                     continue
-                kept[-1] = before._replace(end=now.start)
+                line[-1] = before._replace(end=now.start)
             else:
                 middle = 0.5 * (max(before.end, before.centre) + min(now.start, now.centre))
                 middle = min(max(middle, before.centre), now.centre)
-                kept[-1] = before._replace(end=middle)
+                line[-1] = before._replace(end=middle)
                 now = now._replace(start=middle)
         else:
-            kept.append(now)
-    knots = np.array([knot for target in kept for knot in (target.start, target.end)])
-    values = np.array([target.value for target in kept for _ in range(2)])
-    # Two targets that touch change in a moment, and the smoothing makes a movement of it.
-    apart = np.concatenate([[True], np.diff(knots) > 1e-9])
-    knots = np.maximum.accumulate(np.where(apart, knots, knots + 1e-9))
+            line.append(now)
+    knots = np.array([knot for target in line for knot in (target.start, target.end)])
+    values = np.array([target.value for target in line for _ in range(2)])
+    # Two targets that touch change in an instant, and the smoothing makes a movement of it.
+    is_later = np.concatenate([[True], np.diff(knots) > 1e-9])
+    knots = np.maximum.accumulate(np.where(is_later, knots, knots + 1e-9))
     return knots, values

@@ -4,46 +4,37 @@ from __future__ import annotations
 
 import contextlib
 import math
-import tomllib
 import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib import resources
-from pathlib import Path
-from types import MappingProxyType
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, PositiveFloat, field_validator, model_validator
 
-from mocap_fit.errors import ConfigurationError, from_os_error
 from mocap_fit.phones import FEATURE_NAMES, Phone, PhoneSet
-from mocap_fit.settings_file import find_first_fault
+from mocap_fit.settings_file import StrictModel, list_shipped, load_settings
 
-_Positive = Annotated[float, Field(gt=0)]
 _Share = Annotated[float, Field(ge=0, le=1)]
-_File = TypeVar("_File", bound="_Strict")
 
-FEATURES_FILE = "features.toml"
+_FEATURES = "features"
+_SHIPPED = {"package": "mocap_fit.control", "folder": "rules"}
 _MARKS = str.maketrans("", "", "\u032f\u035c\u0361")
 
 
 @dataclass(frozen=True)
 class TargetPart:
-    """What a phone, or a part of it, wants of the face.
+    """The targets of a phone, or of a part of it.
 
     Parameters
     ----------
     targets
-        By parameter; what is not named is not specified.
+        Targets by parameter, full gestures; a parameter without one is not specified.
     reach
-        The parameters whose target is reached for the whole phone, whatever is beside it.
+        The parameters whose target is reached for the complete phone, whatever is beside it.
     """
 
     targets: Mapping[str, float] = field(default_factory=dict)
     reach: frozenset[str] = frozenset()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "targets", MappingProxyType(dict(self.targets)))
 
 
 @dataclass(frozen=True)
@@ -53,60 +44,55 @@ class RuleTable:
     Parameters
     ----------
     phones
-        By sound in IPA, without ties: one part, or the parts of a diphthong in turn.
+        By sound in IPA, without ties: one part, or the parts of a diphthong in order.
     window
         How far the smoothing reaches to both sides, seconds.
     hold
-        The part of a phone for which its target is held.
+        The share of a phone for which its target is held, 0 to 1.
     unstressed
-        What is left of a target in a vowel that is marked as not stressed.
+        The share of a target that is left in a vowel that is marked as not stressed, 0 to 1.
     """
 
-    phones: Mapping[str, tuple[TargetPart, ...]]
+    phones: Mapping[str, tuple[TargetPart, ...]] = field(repr=False)
     window: float
     hold: float
     unstressed: float
     _rules: tuple[_Rule, ...] = field(repr=False)
 
-    def parts(self, phone: Phone) -> tuple[TargetPart, ...]:
-        """The targets of a phone, from the table or else by its features.
+    def get_parts(self, phone: Phone) -> tuple[TargetPart, ...]:
+        """Return the targets of a phone, from the table or else by its features.
 
         Parameters
         ----------
         phone
-            Of any set.
+            A phone of any set.
 
         Returns
         -------
         tuple[TargetPart, ...]
-            One, or those of a diphthong in turn.
+            One part, or those of a diphthong in order.
         """
-        for sound in map(_plain, phone.ipa):
+        for sound in map(_simplify, phone.ipa):
             if sound in self.phones:
                 return self.phones[sound]
-        return (_by_features(phone, self._rules),)
+        return (_apply_rules(phone, self._rules),)
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class _Rule(_Strict):
+class _Rule(StrictModel):
     kind: Literal["vowel", "consonant", "silence", ""] = ""
-    where: dict[str, float] = {}
-    unless: dict[str, float] = {}
-    targets: dict[str, float | dict[str, float]] = {}
+    where: dict[str, float] = Field(default_factory=dict)
+    unless: dict[str, float] = Field(default_factory=dict)
+    targets: dict[str, float | dict[str, float]] = Field(default_factory=dict)
     reach: tuple[str, ...] = ()
 
     @field_validator("where", "unless")
     @classmethod
-    def _known_features(cls, named: dict[str, float]) -> dict[str, float]:
-        _check_features(named)
-        return named
+    def _check_features(cls, values: dict[str, float]) -> dict[str, float]:
+        return _check_features(values)
 
     @field_validator("targets")
     @classmethod
-    def _known_terms(
+    def _check_terms(
         cls, targets: dict[str, float | dict[str, float]]
     ) -> dict[str, float | dict[str, float]]:
         for value in targets.values():
@@ -114,8 +100,8 @@ class _Rule(_Strict):
                 _check_features({name: 0.0 for name in value if name != "base"})
         return targets
 
-    def holds(self, phone: Phone) -> bool:
-        """Whether the rule is for a phone."""
+    def is_for(self, phone: Phone) -> bool:
+        """Return whether the rule holds for a phone."""
         return (
             self.kind in ("", phone.kind)
             and all(phone.values[name] >= least for name, least in self.where.items())
@@ -123,8 +109,8 @@ class _Rule(_Strict):
         )
 
 
-class _FeaturesFile(_Strict):
-    window: _Positive
+class _FeaturesFile(StrictModel):
+    window: PositiveFloat
     hold: _Share
     unstressed: _Share
     rules: tuple[_Rule, ...]
@@ -133,23 +119,23 @@ class _FeaturesFile(_Strict):
 _Row = tuple[float | str, ...]
 
 
-class _LanguageFile(_Strict):
-    window: _Positive | None = None
+class _LanguageFile(StrictModel):
+    window: PositiveFloat | None = None
     hold: _Share | None = None
     unstressed: _Share | None = None
     columns: tuple[str, ...] = ()
-    phones: dict[str, _Row | tuple[_Row, ...]] = {}
+    phones: dict[str, _Row | tuple[_Row, ...]] = Field(default_factory=dict)
 
     @model_validator(mode="after")
-    def _rows_fit_the_columns(self) -> _LanguageFile:
+    def _check_rows(self) -> _LanguageFile:
         for sound in self.phones:
-            self.parts(sound)
+            self.parse_parts(sound)
         return self
 
-    def parts(self, sound: str) -> tuple[TargetPart, ...]:
-        """The targets of a line: those of one part, or of the parts of a diphthong."""
-        found = self.phones[sound]
-        rows: list[tuple[Any, ...]] = [row for row in found if isinstance(row, tuple)] or [found]
+    def parse_parts(self, sound: str) -> tuple[TargetPart, ...]:
+        """Return the targets of a line: those of one part, or of the parts of a diphthong."""
+        line = self.phones[sound]
+        rows: list[tuple[Any, ...]] = [row for row in line if isinstance(row, tuple)] or [line]
         parts = []
         for row in rows:
             if len(row) != len(self.columns):
@@ -169,81 +155,72 @@ class _LanguageFile(_Strict):
         return tuple(parts)
 
 
-def _check_features(named: Mapping[str, float]) -> None:
+def _check_features(values: dict[str, float]) -> dict[str, float]:
     known = FEATURE_NAMES[1:-1]
-    for name in named:
+    for name in values:
         if name not in known:
             raise ValueError(f"there is no feature '{name}'; use {', '.join(known)}")
+    return values
 
 
-def rule_languages() -> tuple[str, ...]:
-    """The languages that have a table of rules with the package."""
-    files = resources.files("mocap_fit.control").joinpath("rules").iterdir()
-    found = (f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml"))
-    return tuple(sorted(name for name in found if name != FEATURES_FILE.removesuffix(".toml")))
+def list_rule_languages() -> tuple[str, ...]:
+    """Return the languages that have a table of rules with the package.
+
+    Returns
+    -------
+    tuple[str, ...]
+        Codes of languages such as ``sv``, sorted.
+    """
+    return tuple(name for name in list_shipped(**_SHIPPED) if name != _FEATURES)
 
 
 def load_rules(phone_set: PhoneSet, file: str = "") -> RuleTable:
-    """Read the rules for a phone set.
+    """Load the rules for a phone set.
 
     Parameters
     ----------
     phone_set
-        The table of its language is taken, if there is one; other sounds, and other languages, are
-        looked up by features.
+        The phone set. The table of its language is used, if there is one; other sounds, and other
+        languages, are looked up by features.
     file
-        A table of one's own (TOML), in place of that of the language.
+        Path of another table (TOML) for that of the language.
+
+    Returns
+    -------
+    RuleTable
+        The rules.
 
     Raises
     ------
+    MissingFileError
+        If there is no such table.
+    FileFormatError
+        If the table cannot be read.
     ConfigurationError
-        If a table cannot be read, or says what it cannot say; the message tells where.
+        If the table is not TOML, or has an unknown key or an impossible value.
     """
-    general = _read(_packaged(FEATURES_FILE), _FeaturesFile, FEATURES_FILE)
-    own = _LanguageFile()
+    noun = "table of rules"
+    general = load_settings(_FeaturesFile, _FEATURES, noun=noun, **_SHIPPED)
+    table = _LanguageFile()
     if file:
-        try:
-            text = Path(file).read_text("utf-8")
-        except (OSError, ValueError) as error:
-            raise from_os_error(error, file, "table of rules") from None
-        own = _read(text, _LanguageFile, file)
-    elif phone_set.language in rule_languages():
-        name = f"{phone_set.language}.toml"
-        own = _read(_packaged(name), _LanguageFile, name)
-    rows = {_plain(sound): own.parts(sound) for sound in own.phones}
+        table = load_settings(_LanguageFile, file, noun=noun)
+    elif phone_set.language in list_rule_languages():
+        table = load_settings(_LanguageFile, phone_set.language, noun=noun, **_SHIPPED)
     return RuleTable(
-        MappingProxyType(rows),
-        window=general.window if own.window is None else own.window,
-        hold=general.hold if own.hold is None else own.hold,
-        unstressed=general.unstressed if own.unstressed is None else own.unstressed,
+        {_simplify(sound): table.parse_parts(sound) for sound in table.phones},
+        window=general.window if table.window is None else table.window,
+        hold=general.hold if table.hold is None else table.hold,
+        unstressed=general.unstressed if table.unstressed is None else table.unstressed,
         _rules=general.rules,
     )
 
 
-def _packaged(name: str) -> str:
-    return resources.files("mocap_fit.control").joinpath("rules", name).read_text("utf-8")
-
-
-def _read(text: str, kind: type[_File], path: str) -> _File:
-    content: dict[str, Any] = {}
-    try:
-        content = tomllib.loads(text)
-        return kind.model_validate(content)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigurationError("the table of rules is not TOML", path=path, found=error) from None
-    except ValidationError as error:
-        faults: list[Any] = list(error.errors())
-        place, problem = find_first_fault(content, faults)
-        raise ConfigurationError(
-            f"the table of rules is wrong{' at ' if place else ''}{place}: {problem}", path=path
-        ) from None
-
-
-def _by_features(phone: Phone, rules: tuple[_Rule, ...]) -> TargetPart:
+def _apply_rules(phone: Phone, rules: tuple[_Rule, ...]) -> TargetPart:
+    """Return the targets of a phone by its features; a later rule replaces an earlier one."""
     targets: dict[str, float] = {}
     reach: frozenset[str] = frozenset()
     for rule in rules:
-        if not rule.holds(phone):
+        if not rule.is_for(phone):
             continue
         for name, value in rule.targets.items():
             if isinstance(value, dict):
@@ -255,6 +232,6 @@ def _by_features(phone: Phone, rules: tuple[_Rule, ...]) -> TargetPart:
     return TargetPart(targets, reach & targets.keys())
 
 
-def _plain(sound: str) -> str:
-    """IPA as it is compared: ties and marks of what is not syllabic are left out."""
+def _simplify(sound: str) -> str:
+    """Return IPA in the form that is compared: without ties and marks of what is not syllabic."""
     return unicodedata.normalize("NFD", sound).translate(_MARKS).replace("g", "ɡ")

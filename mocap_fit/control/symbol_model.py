@@ -90,11 +90,11 @@ class SymbolModel(ControlModel):
 
     def _log_errors(self, data: Utterances, held_out: Utterances, progress: Progress) -> None:
         """Log the errors of a model that learns in one step."""
-        training, validation = (
-            compute_rmse((each.values, self._predict(each.phones, each.times)) for each in part)
-            for part in (data, held_out)
-        )
-        progress(LogEntry(1, training, validation if held_out else None))
+        error = self._compute_error(held_out) if held_out else None
+        progress(LogEntry(1, self._compute_error(data), error))
+
+    def _compute_error(self, data: Utterances) -> float:
+        return compute_rmse((each.values, self._predict(each.phones, each.times)) for each in data)
 
     def _state(self) -> tuple[dict[str, Any], dict[str, np.ndarray[Any, Any]]]:
         arrays = {name: np.asarray(getattr(self, f"{name}_")) for name in self._list_shapes()}

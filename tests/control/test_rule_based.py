@@ -8,7 +8,7 @@ from control_cases import spoken
 
 from mocap_fit import control
 from mocap_fit.control.rule_based import RuleBased
-from mocap_fit.control.rule_table import load_rules, rule_languages
+from mocap_fit.control.rule_table import list_rule_languages, load_rules
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.face import load_face
 from mocap_fit.face.lips import compute_lip_gap
@@ -92,7 +92,9 @@ def test_labiodentals_bring_the_lower_lip_to_the_teeth(name, gap):
 def test_open_vowels_open_and_rounded_ones_round(name):
     phone_set = load_phone_set(name)
     model = RuleBased().prepare(name)
-    single = [p for p in phone_set.phones if p.kind == "vowel" and len(model.table_.parts(p)) == 1]
+    single = [
+        p for p in phone_set.phones if p.kind == "vowel" and len(model.table_.get_parts(p)) == 1
+    ]
     jaw, rounding = [], []
     for phone in single:
         phones = said([phone_set.silence, phone.symbol, phone_set.silence], name, 0.2)
@@ -164,13 +166,13 @@ def test_a_diphthong_moves_from_one_target_to_the_other():
 
 
 def test_every_sound_of_the_languages_tables_is_one_that_the_sets_have():
-    assert rule_languages() == ("cs", "en", "sv")
+    assert list_rule_languages() == ("cs", "en", "sv")
     for name in LISTED:
         phone_set = load_phone_set(name)
         table = load_rules(phone_set)
         for phone in phone_set.phones:
             if phone.ipa:
-                assert table.parts(phone) in table.phones.values(), phone.symbol
+                assert table.get_parts(phone) in table.phones.values(), phone.symbol
 
 
 def test_other_languages_are_looked_up_by_features():
