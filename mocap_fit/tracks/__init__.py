@@ -1,6 +1,7 @@
 """Marker, pose and parameter tracks, and what is done to them before a fit."""
 
-from mocap_fit.tracks.base import FloatArray, Tracks
+from mocap_fit.tracks.arrays import FloatArray
+from mocap_fit.tracks.base import Tracks
 from mocap_fit.tracks.filtering import resample, smooth
 from mocap_fit.tracks.gaps import GapReport, MarkerGaps, count_gaps, fill_gaps
 from mocap_fit.tracks.provenance import Event, Provenance, Step

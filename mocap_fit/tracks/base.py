@@ -12,77 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mocap_fit.errors import DataError
-from mocap_fit.tracks.interpolation import Interpolation, interpolate
+from mocap_fit.tracks.arrays import FloatArray, TrackArray
+from mocap_fit.tracks.interpolation import interpolate
 from mocap_fit.tracks.provenance import Event, Provenance, Step
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-FloatArray = NDArray[np.float64]
-
 # Seconds: times this much before a frame still belong to it.
 _TOLERANCE = 1e-9
-
-
-@dataclass(frozen=True)
-class TrackArray:
-    """The declaration of one array of a kind of tracks.
-
-    Parameters
-    ----------
-    attribute
-        The name of the array.
-    columns
-        Its columns in a table, in the order of its flattened trailing axes: the endings of their
-        names, which follow the track's, such as ``x`` of ``chin_x``; empty for the track's name
-        alone. The column of an array without tracks has this name alone.
-    shape
-        Trailing axes, after frames and tracks.
-    interpolation
-        How values between frames are found.
-    is_signal
-        Whether it is filtered by `smooth`, and resampled as a smooth signal.
-    has_names
-        Whether the second axis is that of the tracks; otherwise there is one value a frame.
-    is_optional
-        Whether it may be left out: NaN takes its place, or what the kind of tracks says.
-    allows_infinity
-        Whether infinite values are valid.
-    dtype
-        The type of its numbers.
-    """
-
-    attribute: str
-    columns: tuple[str, ...] = ("",)
-    shape: tuple[int, ...] = ()
-    interpolation: Interpolation = "linear"
-    is_signal: bool = False
-    has_names: bool = True
-    is_optional: bool = False
-    allows_infinity: bool = False
-    dtype: type[np.generic] = np.float64
-
-    @property
-    def noun(self) -> str:
-        """What the array is called in messages."""
-        return self.attribute.replace("_", " ")
-
-    def name_columns(self, name: str) -> list[str]:
-        """Return the columns of one track, in the order of the flattened trailing axes.
-
-        Parameters
-        ----------
-        name
-            The track.
-
-        Returns
-        -------
-        list of str
-            Names of columns.
-        """
-        if not self.has_names:
-            return list(self.columns)
-        return [f"{name}_{column}" if column else name for column in self.columns]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -128,7 +66,11 @@ class Tracks:
         self._check_names_and_times()
         frames: int | None = None
         for declared in self.arrays:
-            array = self._check_array(declared, frames)
+            value = getattr(self, declared.attribute)
+            if value is None and declared.is_optional and frames is not None:
+                array = self._get_default(declared, declared.get_shape(frames, len(self.names)))
+            else:
+                array = declared.check(value, frames, len(self.names))
             frames = len(array)
             self._set_array(declared.attribute, array)
 
@@ -160,37 +102,6 @@ class Tracks:
             raise DataError("the start time is not a number", found=self.start_time)
         object.__setattr__(self, "rate", float(self.rate))
         object.__setattr__(self, "start_time", float(self.start_time))
-
-    def _check_array(self, declared: TrackArray, frames: int | None) -> np.ndarray[Any, Any]:
-        """Return a checked copy of an array; the first array tells the number of frames."""
-        value: ArrayLike | None = getattr(self, declared.attribute)
-        names = (len(self.names),) if declared.has_names else ()
-        if value is None and declared.is_optional and frames is not None:
-            return self._get_default(declared, (frames, *names, *declared.shape))
-        dtype = np.float64 if declared.dtype is np.float64 else None
-        try:
-            array: np.ndarray[Any, Any] = np.array(value, dtype=dtype)
-        except (TypeError, ValueError) as error:
-            raise DataError(f"the {declared.noun} are not numbers", found=error) from None
-        if array.dtype.kind not in "fiu":
-            raise DataError(f"the {declared.noun} are not numbers", found=array.dtype)
-        shape = (*names, *declared.shape)
-        expected = (array.shape[0] if array.ndim and frames is None else frames, *shape)
-        if array.shape != expected:
-            wanted = ", ".join(map(str, ("frames" if frames is None else frames, *shape)))
-            raise DataError(
-                f"the {declared.noun} have the wrong shape",
-                found=array.shape,
-                expected=f"({wanted})",
-            )
-        if not declared.allows_infinity and np.isinf(array).any():
-            frame = int(np.argwhere(np.isinf(array))[0][0])
-            raise DataError(
-                f"the {declared.noun} hold an infinite number",
-                frame=frame,
-                expected="finite or NaN",
-            )
-        return array
 
     def _get_default(self, declared: TrackArray, shape: tuple[int, ...]) -> np.ndarray[Any, Any]:
         """Return the values of an optional array that was left out."""

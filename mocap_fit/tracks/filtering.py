@@ -11,7 +11,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mocap_fit.errors import DataError
-from mocap_fit.tracks.base import FloatArray, Tracks
+from mocap_fit.tracks.arrays import FloatArray
+from mocap_fit.tracks.base import Tracks
 from mocap_fit.tracks.interpolation import find_runs, flatten_tracks, interpolate
 from mocap_fit.tracks.rigid import project_to_rotations
 

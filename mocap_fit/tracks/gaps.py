@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.errors import DataError
-from mocap_fit.tracks.base import FloatArray
+from mocap_fit.tracks.arrays import FloatArray
 from mocap_fit.tracks.interpolation import find_runs
 from mocap_fit.tracks.rigid import describe_degeneracy, estimate_rigid_transforms
 from mocap_fit.tracks.rigid_sets import compute_mean_shape

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mocap_fit.errors import DataError
-from mocap_fit.tracks.base import FloatArray
+from mocap_fit.tracks.arrays import FloatArray
 
 # A set whose width is under this part of its length counts as a line: the turn about the line
 # would be noise, magnified fifty times.

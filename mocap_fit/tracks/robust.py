@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mocap_fit.errors import DataError
-from mocap_fit.tracks.base import FloatArray
+from mocap_fit.tracks.arrays import FloatArray
 from mocap_fit.tracks.rigid import (
     apply_inverse_transforms,
     compute_motion_jacobian,

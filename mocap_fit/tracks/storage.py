@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mocap_fit.errors import DataError, FileFormatError
-from mocap_fit.tracks.base import TrackArray, Tracks
+from mocap_fit.tracks.arrays import TrackArray
+from mocap_fit.tracks.base import Tracks
 from mocap_fit.tracks.parquet_file import (
     from_damaged_table,
     read_kind,

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.errors import DataError
-from mocap_fit.tracks.base import FloatArray, TrackArray, Tracks
+from mocap_fit.tracks.arrays import FloatArray, TrackArray
+from mocap_fit.tracks.base import Tracks
 
 _AXES = ("x", "y", "z")
 _MATRIX = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
