@@ -96,7 +96,7 @@ def face_scene(values: np.ndarray, smooth: bool = True) -> None:
     rig = load_face()
     with FaceScene(rig.mesh, size=SIZE, smooth_edges=smooth) as scene:
         for row in values:
-            scene.image(rig.deform(row))
+            scene.draw(rig.deform(row))
 
 
 def timed(work: Callable[[np.ndarray], None], values: np.ndarray) -> tuple[float, float]:

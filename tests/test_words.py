@@ -98,7 +98,6 @@ PENDING = (
     "mocap_fit/control/cart",
     "mocap_fit/evaluation",
     "mocap_fit/labels",
-    "mocap_fit/render",
     "mocap_fit/synthesis",
 )
 

@@ -131,10 +131,10 @@ def _make_room(out: Path) -> None:
 def _abilities() -> tuple[bool, bool]:
     """Whether faces can be drawn and movies written here; a warning says what is missing."""
     from mocap_fit.render import require_off_screen
-    from mocap_fit.render.movie_file import ffmpeg_program
+    from mocap_fit.render.movie_file import find_ffmpeg
 
     able = []
-    for what, check in (("faces", require_off_screen), ("the movie", ffmpeg_program)):
+    for what, check in (("faces", require_off_screen), ("the movie", find_ffmpeg)):
         try:
             check()
         except MissingExtraError as error:

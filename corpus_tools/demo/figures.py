@@ -254,7 +254,7 @@ def face_figure(recording: FittedRecording, binding: Binding, frames: Sequence[i
                 measured = np.where(seen[:, None], places[frame, columns], np.nan)
                 virtual = np.where(seen[:, None], virtual, np.nan)
                 axis: Axes = axes[row, column]
-                axis.imshow(scene.image(vertices))
+                axis.imshow(scene.draw(vertices))
                 axis.plot(*scene.project(measured).T, "o", color=BLUE, ms=2.6, mew=0)
                 axis.plot(*scene.project(virtual).T, "o", mfc="none", mec=ORANGE, ms=5, mew=1)
                 axis.set_xlim(0, size[0])

@@ -135,12 +135,12 @@ def run(
         If something is wrong; no movie is written then.
     """
     from mocap_fit.render import render_movie
-    from mocap_fit.render.movie_file import ffmpeg_program, movie_kind
+    from mocap_fit.render.movie_file import find_ffmpeg, get_movie_kind
 
     look = Look() if look is None else look
     # What is missing is said before anything long begins.
-    if movie_kind(out) != "png":
-        ffmpeg_program()
+    if get_movie_kind(out) != "png":
+        find_ffmpeg()
     rig = load_face(look.face)
     said = _said(source, list(models), rig, nearest)
     markers = None if look.markers is None else _markers(look, said.heads.get(MEASURED))

@@ -1,7 +1,7 @@
 """glTF: the head with its movement, for Blender, game engines and web pages.
 
-One binary file (``.glb``): the mesh in metres, a colour at every vertex, morph targets that carry
-the parameters' names, and one animation of their weights.
+One binary file (``.glb``): the mesh in metres, a colour at every vertex, morph targets with the
+names of the parameters, and one animation of their weights.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from mocap_fit.atomic_file import write_atomically
 from mocap_fit.errors import FileFormatError, MissingExtraError
 from mocap_fit.face.mesh import Mesh, Part
 from mocap_fit.face.rig import Rig
-from mocap_fit.render.shapes import BlendedShapes, blended_shapes
+from mocap_fit.render.shapes import BlendShapes, compute_blend_shapes
 from mocap_fit.tracks import ParameterTracks
 
 _METRES = 0.001
@@ -31,24 +31,24 @@ def write_gltf(
     rig: Rig,
     *,
     rate: float | None = None,
-) -> BlendedShapes:
-    """Write a talking head as binary glTF, whole or not at all.
+) -> BlendShapes:
+    """Write a talking head as binary glTF.
 
     Parameters
     ----------
     tracks
         Face parameters over time.
     path
-        The file, ``.glb``.
+        The file, with a name in ``.glb``; an existing one is replaced.
     rig
         The face.
     rate
-        Frames per second of the animation; the tracks' own where not given.
+        Frame rate of the animation, hertz; that of the tracks if None.
 
     Returns
     -------
-    BlendedShapes
-        What was written, and how near it is to the rig.
+    BlendShapes
+        The shapes that were written, and how near they are to the rig.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def write_gltf(
     FileFormatError
         If the name does not end in ``.glb``, or the file cannot be written.
     DataError
-        If the tracks do not belong to the face, or have no frames.
+        If the tracks have a parameter that the face lacks, or no frame.
     """
     try:
         import pygltflib
@@ -69,32 +69,32 @@ def write_gltf(
     target = Path(path)
     if target.suffix.lower() != ".glb":
         raise FileFormatError("glTF is written as one file", path=path, expected="a name in .glb")
-    blended = blended_shapes(tracks, rig, rate)
+    blended = compute_blend_shapes(tracks, rig, rate)
     document = _Document(pygltflib, rig.mesh, blended)
-    content = document.finished(tracks.name or "talk")
+    content = document.assemble(tracks.name or "talk")
     with write_atomically(path) as partial:
         partial.write_bytes(content)
     return blended
 
 
 class _Document:
-    """The pieces of a file while it is put together."""
+    """A file that is being assembled."""
 
-    def __init__(self, library: Any, mesh: Mesh, blended: BlendedShapes) -> None:
+    def __init__(self, library: Any, mesh: Mesh, blended: BlendShapes) -> None:
         self._lib = library
         self._mesh, self._blended = mesh, blended
         self._file = library.GLTF2(asset=library.Asset(version="2.0", generator="mocap-fit"))
         self._bytes = bytearray()
 
-    def finished(self, name: str) -> bytes:
-        """The whole file."""
+    def assemble(self, name: str) -> bytes:
+        """Return the content of the file."""
         lib, file, blended = self._lib, self._file, self._blended
         rest = self._mesh.compute_normals()
-        bent = [
+        moved = [
             self._mesh.compute_normals(self._mesh.vertices + shape) - rest
             for shape in blended.shapes
         ]
-        primitives = [self._primitive(part, rest, bent) for part in self._mesh.parts]
+        primitives = [self._add_primitive(part, rest, moved) for part in self._mesh.parts]
         file.meshes.append(
             lib.Mesh(
                 name="head",
@@ -107,8 +107,8 @@ class _Document:
         file.scenes.append(lib.Scene(nodes=[0]))
         file.scene = 0
         times = (blended.times - blended.times[0]).astype(np.float32)
-        at = self._accessor(times, "SCALAR", limits=True)
-        weights = self._accessor(blended.weights.astype(np.float32).ravel(), "SCALAR")
+        at = self._add_accessor(times, "SCALAR", limits=True)
+        weights = self._add_accessor(blended.weights.astype(np.float32).ravel(), "SCALAR")
         file.animations.append(
             lib.Animation(
                 name=name,
@@ -124,44 +124,45 @@ class _Document:
         file.set_binary_blob(bytes(self._bytes))
         return b"".join(file.save_to_bytes())
 
-    def _primitive(self, part: Part, rest: Any, bent: list[Any]) -> Any:
+    def _add_primitive(self, part: Part, rest: Any, moved: list[Any]) -> Any:
         lib = self._lib
-        own = slice(part.vertices.start, part.vertices.stop)
+        members = slice(part.vertices.start, part.vertices.stop)
         triangles = self._mesh.triangles[part.triangles.start : part.triangles.stop]
         attributes = lib.Attributes(
-            POSITION=self._vectors(self._mesh.vertices[own] * _METRES),
-            NORMAL=self._vectors(rest[own]),
+            POSITION=self._add_vectors(self._mesh.vertices[members] * _METRES),
+            NORMAL=self._add_vectors(rest[members]),
         )
         coloured = self._mesh.colours is not None
         if self._mesh.colours is not None:
-            # Colours here are as a screen shows them; glTF wants them linear.
-            linear = np.clip(self._mesh.colours[own], 0, 1) ** 2.2
+            # Colours here are encoded for screens (gamma 2.2); those of glTF are linear.
+            linear = np.clip(self._mesh.colours[members], 0, 1) ** 2.2
             four = np.concatenate([linear, np.ones((len(linear), 1))], axis=1)
-            attributes.COLOR_0 = self._accessor(
+            attributes.COLOR_0 = self._add_accessor(
                 np.rint(255 * four).astype(np.uint8), "VEC4", normalized=True
             )
         targets = [
             lib.Attributes(
-                POSITION=self._vectors(shape[own] * _METRES), NORMAL=self._vectors(bend[own])
+                POSITION=self._add_vectors(shape[members] * _METRES),
+                NORMAL=self._add_vectors(normals[members]),
             )
-            for shape, bend in zip(self._blended.shapes, bent, strict=True)
+            for shape, normals in zip(self._blended.shapes, moved, strict=True)
         ]
         return lib.Primitive(
             attributes=attributes,
-            indices=self._accessor(
+            indices=self._add_accessor(
                 (triangles - part.vertices.start).astype(np.uint32).ravel(), "SCALAR", _INDICES
             ),
-            material=self._material(part, coloured),
+            material=self._add_material(part, coloured),
             targets=[json.loads(target.to_json()) for target in targets],
         )
 
-    def _material(self, part: Part, coloured: bool) -> int:
+    def _add_material(self, part: Part, coloured: bool) -> int:
         lib = self._lib
         colour = [1.0] * 3 if coloured else [c**2.2 for c in part.material.colour]
         self._file.materials.append(
             lib.Material(
                 name=part.name,
-                # Brows and lashes are sheets, seen from both sides.
+                # Brows and lashes are open sheets.
                 doubleSided=part.name.startswith(("brow", "lashes")),
                 pbrMetallicRoughness=lib.PbrMetallicRoughness(
                     baseColorFactor=[*colour, 1.0],
@@ -172,10 +173,10 @@ class _Document:
         )
         return len(self._file.materials) - 1
 
-    def _vectors(self, values: Any) -> int:
-        return self._accessor(values.astype(np.float32), "VEC3", limits=True)
+    def _add_vectors(self, values: Any) -> int:
+        return self._add_accessor(values.astype(np.float32), "VEC3", limits=True)
 
-    def _accessor(
+    def _add_accessor(
         self,
         values: Any,
         kind: str,

@@ -1,9 +1,9 @@
-"""Light on a face, worked out vertex by vertex.
+"""Light on a face, computed vertex by vertex.
 
 Without a graphics card most of a picture's time goes into lighting each of its pixels. A face has
-far fewer vertices than pixels, and its vertices are dense where its shape is: light is worked out
+far fewer vertices than pixels, and its vertices are dense where its shape is: light is computed
 for them alone, here, and the picture only blends it. So the number of lights costs nothing, and
-the mouth can be as dark inside as its opening leaves it.
+the inside of the mouth can be as dark as its opening leaves it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mocap_fit.tracks import FloatArray
 Single = NDArray[np.float32]
 Colour = tuple[float, float, float]
 
-# Light comes from: direction, intensity, colour. One soft key from above the speaker's left, a
+# Direction, intensity, colour of each light. One soft key from above the speaker's left, a
 # weaker fill, and light from the sides and from behind that keeps the outline of cheek and chin.
 _LIGHTS: tuple[tuple[Colour, float, Colour], ...] = (
     ((0.45, 0.60, 0.80), 0.46, (1.0, 0.98, 0.95)),
@@ -28,21 +28,21 @@ _LIGHTS: tuple[tuple[Colour, float, Colour], ...] = (
     ((-0.6, 0.4, -0.8), 0.22, (0.95, 0.97, 1.0)),
     ((0.6, 0.4, -0.8), 0.22, (0.95, 0.97, 1.0)),
 )
-# What comes from all around, above and below.
+# Ambient light, from above and from below.
 _FROM_ABOVE = np.array([0.40, 0.42, 0.44], dtype=np.float32)
 _FROM_BELOW = np.array([0.235, 0.205, 0.19], dtype=np.float32)
-# Skin lets light through: it is lit a little beyond where light meets it, red light the farthest.
+# Skin is translucent: it is lit a little beyond where light meets it, red light the farthest.
 _WRAP = np.array([0.22, 0.10, 0.07], dtype=np.float32)
-# Lights that shine on wet lips, teeth and eyes.
-_SHINING = 2
+# Number of lights with highlights on wet lips, teeth and eyes.
+_HIGHLIGHTS = 2
 # The chin's shadow on the throat: how dark, and how far it reaches to the sides, down, back (mm).
 _SHADOW = 0.34
 _SHADOW_SIZE = np.array([44.0, 40.0, 60.0], dtype=np.float32)
 _INSIDE_PARTS = ("teeth_upper", "teeth_lower", "gums_upper", "gums_lower", "tongue")
 _INSIDE_REGIONS = ("mouth_bag_upper", "mouth_bag_lower", "mouth_floor", "mouth_roof")
-# Share of light that reaches even the back of a closed mouth; teeth are lighter, to be read.
-_LEAST_LIGHT = 0.2
-_LEAST_LIGHT_ON_TEETH = 0.72
+# Share of light that reaches even the back of a closed mouth; more on teeth, to be seen.
+_MIN_LIGHT = 0.2
+_MIN_LIGHT_ON_TEETH = 0.72
 
 
 class Lighting:
@@ -51,44 +51,44 @@ class Lighting:
     Parameters
     ----------
     mesh
-        The face; its colours, or its parts' materials, say how each vertex looks.
+        The face; its colours, or the materials of its parts, determine how each vertex looks.
     """
 
     def __init__(self, mesh: Mesh) -> None:
         self._triangles = mesh.triangles
-        self._around = _triangles_around(mesh.triangles, len(mesh.vertices))
-        self._albedo, self._specular, self._power = _looks(mesh)
-        self._wrapped = np.flatnonzero(_is_skin(mesh))
+        self._sum_around = _build_triangle_sums(mesh.triangles, len(mesh.vertices))
+        self._albedo, self._specular, self._power = _read_materials(mesh)
+        self._wrapped = np.flatnonzero(_find_skin(mesh))
         self._mouth = _Mouth(mesh)
         self._chin = mesh.feature_points.get("2.1")
         self._below = np.zeros(0, dtype=np.int64)
         if self._chin is not None:
             # As far as an opening jaw can move it.
             height = mesh.vertices[:, 1] < mesh.vertices[self._chin, 1] + 12.0
-            self._below = np.flatnonzero(height & _is_skin(mesh))
+            self._below = np.flatnonzero(height & _find_skin(mesh))
         directions = np.array([direction for direction, _, _ in _LIGHTS], dtype=np.float32)
         self._directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
         self._strengths = np.array(
             [np.multiply(intensity, colour) for _, intensity, colour in _LIGHTS], dtype=np.float32
         )
 
-    def colours(self, vertices: FloatArray, camera: ArrayLike) -> NDArray[np.uint8]:
-        """What is seen of each vertex.
+    def compute_colours(self, vertices: FloatArray, camera: ArrayLike) -> NDArray[np.uint8]:
+        """Compute the colour of each vertex as the camera sees it.
 
         Parameters
         ----------
         vertices
-            `(vertices, 3)`, mm: the mesh in some shape.
+            The mesh in some shape, ``(vertices, 3)``, millimetres.
         camera
-            `(3,)`, mm: where it is looked at from.
+            Position of the camera, ``(3,)``, millimetres.
 
         Returns
         -------
         ndarray
-            `(vertices, 3)`, red, green and blue, uint8.
+            Red, green and blue, ``(vertices, 3)``, 0 to 255.
         """
-        places = vertices.astype(np.float32)
-        normals = self._normals(places)
+        positions = vertices.astype(np.float32)
+        normals = self._compute_normals(positions)
         facing = normals @ self._directions.T
         light = np.maximum(facing, 0.0) @ self._strengths
         skin = self._wrapped
@@ -98,39 +98,43 @@ class Lighting:
         )
         half = 0.5 + 0.5 * normals[:, 1:2]
         light += half * _FROM_ABOVE + (1.0 - half) * _FROM_BELOW
-        shine = self._shine(places, normals, facing, np.asarray(camera, dtype=np.float32))
-        reaching = self._mouth.light(vertices) * self._under_chin(places)
+        shine = self._compute_highlights(
+            positions, normals, facing, np.asarray(camera, dtype=np.float32)
+        )
+        reaching = self._mouth.compute_light(vertices) * self._shade_throat(positions)
         seen = (self._albedo * light + shine[:, None]) * reaching[:, None]
         return np.asarray(np.clip(255.0 * seen + 0.5, 0.0, 255.0).astype(np.uint8))
 
-    def _normals(self, places: Single) -> Single:
-        corners = places[self._triangles]
+    def _compute_normals(self, positions: Single) -> Single:
+        corners = positions[self._triangles]
         first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         across = np.empty_like(first)
         for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
             across[:, i] = first[:, j] * second[:, k] - first[:, k] * second[:, j]
-        normals = np.asarray(self._around @ across)
+        normals = np.asarray(self._sum_around @ across)
         lengths = np.sqrt(np.einsum("ij,ij->i", normals, normals))
         return np.asarray(normals / np.where(lengths > 0, lengths, 1.0)[:, None])
 
-    def _under_chin(self, places: Single) -> Single:
-        """The share of light that the chin leaves to the throat below it, `(vertices,)`."""
-        light = np.ones(len(places), dtype=np.float32)
+    def _shade_throat(self, positions: Single) -> Single:
+        """Return the share of light that the chin leaves to the throat, ``(vertices,)``."""
+        light = np.ones(len(positions), dtype=np.float32)
         if self._chin is None:
             return light
-        chin = places[self._chin]
-        away = places[self._below] - (chin - np.array([0.0, 16.0, 30.0], dtype=np.float32))
+        chin = positions[self._chin]
+        away = positions[self._below] - (chin - np.array([0.0, 16.0, 30.0], dtype=np.float32))
         near = np.exp(-np.einsum("ij,ij,j->i", away, away, _SHADOW_SIZE**-2.0))
-        under = np.clip((chin[1] + 3.0 - places[self._below, 1]) / 14.0, 0.0, 1.0)
+        under = np.clip((chin[1] + 3.0 - positions[self._below, 1]) / 14.0, 0.0, 1.0)
         light[self._below] -= _SHADOW * near * under
         return light
 
-    def _shine(self, places: Single, normals: Single, facing: Single, camera: Single) -> Single:
-        """Blinn's highlights of the strongest lights."""
-        towards = camera - places
+    def _compute_highlights(
+        self, positions: Single, normals: Single, facing: Single, camera: Single
+    ) -> Single:
+        """Return the highlights of the strongest lights, ``(vertices,)`` (Blinn 1977)."""
+        towards = camera - positions
         towards /= np.sqrt(np.einsum("ij,ij->i", towards, towards))[:, None]
-        shine = np.zeros(len(places), dtype=np.float32)
-        for light in range(_SHINING):
+        shine = np.zeros(len(positions), dtype=np.float32)
+        for light in range(_HIGHLIGHTS):
             halfway = towards + self._directions[light]
             along = np.einsum("ij,ij->i", normals, halfway)
             along /= np.sqrt(np.einsum("ij,ij->i", halfway, halfway))
@@ -141,56 +145,56 @@ class Lighting:
 
 
 class _Mouth:
-    """How much light reaches what is behind the lips."""
+    """The light that reaches what is behind the lips."""
 
     def __init__(self, mesh: Mesh) -> None:
-        self._all = len(mesh.vertices)
+        self._count = len(mesh.vertices)
         self._lips = tuple(mesh.feature_points.get(name) for name in ("2.2", "2.3"))
         inside = [mesh.get_region(name) for name in _INSIDE_PARTS if mesh.has_region(name)]
         inside += [mesh.get_region(name) for name in _INSIDE_REGIONS if mesh.has_region(name)]
         self._inside = np.unique(np.concatenate(inside)) if inside else np.zeros(0, dtype=np.int64)
-        least = np.full(self._all, _LEAST_LIGHT)
+        minimum = np.full(self._count, _MIN_LIGHT)
         for name in ("teeth_upper", "teeth_lower"):
             if mesh.has_region(name):
-                least[mesh.get_region(name)] = _LEAST_LIGHT_ON_TEETH
-        self._least = least[self._inside]
+                minimum[mesh.get_region(name)] = _MIN_LIGHT_ON_TEETH
+        self._minimum = minimum[self._inside]
 
-    def light(self, vertices: FloatArray) -> Single:
-        """The share that reaches each vertex, `(vertices,)`.
+    def compute_light(self, vertices: FloatArray) -> Single:
+        """Return the share of light that reaches each vertex, ``(vertices,)``.
 
-        From a place behind a slit, the part of the outside that is seen goes with half the slit's
-        height over the distance to its edge.
+        From behind a slit, the part of the outside that is visible grows with half the height of
+        the slit over the distance to its edge.
         """
-        light = np.ones(self._all, dtype=np.float32)
+        light = np.ones(self._count, dtype=np.float32)
         upper, lower = self._lips
         if upper is None or lower is None or not self._inside.size:
             return light
         opening = max(float(vertices[upper, 1] - vertices[lower, 1]), 0.0)
         front = 0.5 * float(vertices[upper, 2] + vertices[lower, 2])
         depth = np.maximum(front - vertices[self._inside, 2], 0.0)
-        seen = 0.62 * opening / np.sqrt((0.5 * opening) ** 2 + depth**2 + 1e-6)
-        light[self._inside] = self._least + (1.0 - self._least) * np.minimum(seen, 1.0)
+        visible = 0.62 * opening / np.sqrt((0.5 * opening) ** 2 + depth**2 + 1e-6)
+        light[self._inside] = self._minimum + (1.0 - self._minimum) * np.minimum(visible, 1.0)
         return light
 
 
-def _triangles_around(triangles: IndexArray, vertices: int) -> sparse.csr_array:
-    """A matrix that adds up, for every vertex, what belongs to the triangles around it."""
+def _build_triangle_sums(triangles: IndexArray, vertices: int) -> sparse.csr_array:
+    """Return the matrix that sums values of triangles over those around each vertex."""
     members = np.repeat(np.arange(len(triangles)), 3)
     ones = np.ones(triangles.size, dtype=np.float32)
     return sparse.csr_array((ones, (triangles.ravel(), members)), shape=(vertices, len(triangles)))
 
 
-def _looks(mesh: Mesh) -> tuple[Single, Single, Single]:
-    """Colours `(vertices, 3)`, strength and sharpness of the highlight `(vertices,)`."""
+def _read_materials(mesh: Mesh) -> tuple[Single, Single, Single]:
+    """Return colours ``(vertices, 3)``, strength and sharpness of highlights ``(vertices,)``."""
     count = len(mesh.vertices)
     colours = np.empty((count, 3), dtype=np.float32)
     specular = np.empty(count, dtype=np.float32)
     power = np.empty(count, dtype=np.float32)
     for part in mesh.parts:
-        own = slice(part.vertices.start, part.vertices.stop)
-        colours[own] = part.material.colour
-        specular[own] = part.material.specular
-        power[own] = max(part.material.specular_power, 1.0)
+        members = slice(part.vertices.start, part.vertices.stop)
+        colours[members] = part.material.colour
+        specular[members] = part.material.specular
+        power[members] = max(part.material.specular_power, 1.0)
     if mesh.colours is not None:
         colours[:] = mesh.colours
     # Lips are moist.
@@ -201,7 +205,8 @@ def _looks(mesh: Mesh) -> tuple[Single, Single, Single]:
     return colours, specular, power
 
 
-def _is_skin(mesh: Mesh) -> NDArray[np.bool_]:
+def _find_skin(mesh: Mesh) -> NDArray[np.bool_]:
+    """Return whether each vertex belongs to skin, ``(vertices,)``."""
     skin = np.zeros(len(mesh.vertices), dtype=bool)
     for part in mesh.parts:
         if part.name == "skin":

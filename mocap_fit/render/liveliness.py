@@ -1,6 +1,6 @@
-"""Blinks, and the small motion of a head that is alive.
+"""Blinks, and the small motion of a living head.
 
-Neither is measured or predicted: they are drawn from a seed, and only where they are asked for.
+Neither is measured or predicted: they are drawn at random from a seed, and only on request.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from mocap_fit.errors import ConfigurationError
 from mocap_fit.face.mesh import IndexArray, Mesh
 from mocap_fit.tracks import FloatArray
 
-# Seconds: lids fall, stay, rise.
+# Seconds in which lids fall, stay closed, and rise.
 _FALL, _STAY, _RISE = 0.09, 0.03, 0.16
-# Seconds between two blinks: the least, and the mean of what comes on top.
-_LEAST_BETWEEN, _MORE_BETWEEN = 1.3, 2.4
+# Seconds between two blinks: the minimum, and the mean of the rest.
+_MIN_PAUSE, _MEAN_MORE = 1.3, 2.4
 # Hertz, and standard deviations: degrees about x (nod), y (turn), z (tilt); millimetres.
 _SWAY = (0.12, 0.21, 0.34, 0.55, 0.83)
 _TURNS = (1.1, 1.5, 0.7)
@@ -37,27 +37,27 @@ _EYES = (
         "eye_right",
     ),
 )
-# How far behind the pupil the eye turns, and how far a lowered lid lies before the ball, mm.
+# Millimetres: from the pupil back to the centre of rotation, and from the ball to a lowered lid.
 _EYE_RADIUS = 12.3
 _LID_THICKNESS = 1.4
-# A closing lid is coarser than what it covers: the ball draws back from it, unseen, mm.
-_DRAWN_BACK = 2.6
-# How far under the chin the head's motion has died away, mm.
+# Millimetres: a closing lid is coarser than what it covers, so the ball retracts behind it.
+_RETRACTION = 2.6
+# Millimetres below the chin at which the motion of the head ends.
 _NECK = 75.0
 
 
 @dataclass(frozen=True, eq=False)
 class Liveliness:
-    """How a head blinks and moves during a movie.
+    """The blinks and the motion of a head during a movie.
 
     Parameters
     ----------
     blinks
-        `(frames,)`, 0 open to 1 closed.
+        Closure of the lids, ``(frames,)``, 0 to 1 (closed).
     turns
-        `(frames, 3)`, rotation vectors, radians.
+        Rotation vectors of the head, ``(frames, 3)``, radians.
     shifts
-        `(frames, 3)`, millimetres.
+        Translations of the head, ``(frames, 3)``, millimetres.
     """
 
     blinks: FloatArray
@@ -65,7 +65,7 @@ class Liveliness:
     shifts: FloatArray
 
 
-def liveliness(
+def draw_liveliness(
     times: FloatArray, *, blinks: bool = True, head_motion: bool = True, seed: int = 0
 ) -> Liveliness:
     """Draw blinks and head motion for the frames of a movie.
@@ -73,65 +73,73 @@ def liveliness(
     Parameters
     ----------
     times
-        `(frames,)`, seconds. The same seed gives the same blinks at any frame rate.
-    blinks, head_motion
-        Which of the two.
+        Times of the frames, ``(frames,)``, seconds.
+    blinks
+        Whether there are blinks.
+    head_motion
+        Whether the head moves.
     seed
-        What they are drawn from.
+        Another seed draws others; the same seed gives the same at any frame rate.
+
+    Returns
+    -------
+    Liveliness
+        Blinks and head motion of every frame.
     """
-    chance_of_blinks, chance_of_motion = np.random.default_rng(seed).spawn(2)
+    blink_rng, motion_rng = np.random.default_rng(seed).spawn(2)
     closed = np.zeros(len(times))
     turns, shifts = np.zeros((len(times), 3)), np.zeros((len(times), 3))
     if blinks and len(times):
-        closed = _blinks(times, chance_of_blinks)
+        closed = _draw_blinks(times, blink_rng)
     if head_motion and len(times):
-        turns = np.radians(_sway(times, chance_of_motion, _TURNS))
-        shifts = _sway(times, chance_of_motion, _SHIFTS)
+        turns = np.radians(_draw_sway(times, motion_rng, _TURNS))
+        shifts = _draw_sway(times, motion_rng, _SHIFTS)
     return Liveliness(closed, turns, shifts)
 
 
-def _blinks(times: FloatArray, chance: np.random.Generator) -> FloatArray:
+def _draw_blinks(times: FloatArray, rng: np.random.Generator) -> FloatArray:
     closed = np.zeros(len(times))
-    begin = float(times[0]) + chance.uniform(0.4, 1.6)
+    begin = float(times[0]) + rng.uniform(0.4, 1.6)
     while begin < times[-1]:
         since = times - begin
         falling = np.clip(since / _FALL, 0.0, 1.0)
         rising = np.clip((since - _FALL - _STAY) / _RISE, 0.0, 1.0)
-        closed = np.maximum(closed, _eased(falling) - _eased(rising))
-        begin += _LEAST_BETWEEN + chance.exponential(_MORE_BETWEEN)
+        closed = np.maximum(closed, _ease(falling) - _ease(rising))
+        begin += _MIN_PAUSE + rng.exponential(_MEAN_MORE)
     return np.asarray(closed)
 
 
-def _eased(share: FloatArray) -> FloatArray:
+def _ease(share: FloatArray) -> FloatArray:
+    """Return the cubic from 0 to 1 whose slope is 0 at both ends."""
     return np.asarray(share * share * (3.0 - 2.0 * share))
 
 
-def _sway(
-    times: FloatArray, chance: np.random.Generator, sizes: tuple[float, float, float]
+def _draw_sway(
+    times: FloatArray, rng: np.random.Generator, sizes: tuple[float, float, float]
 ) -> FloatArray:
-    """Slow sums of sines, `(frames, 3)`; slow ones are larger."""
+    """Return sums of slow sines, ``(frames, 3)``; the slowest are the largest."""
     rates = np.array(_SWAY)
     shares = 1.0 / np.sqrt(rates)
     shares /= np.sqrt(0.5 * np.sum(shares**2))
-    phases = chance.uniform(0, 2 * np.pi, (3, len(rates)))
+    phases = rng.uniform(0, 2 * np.pi, (3, len(rates)))
     angles = 2 * np.pi * rates * times[:, None, None] + phases
     return np.asarray((shares * np.sin(angles)).sum(axis=2) * np.array(sizes))
 
 
 class LivelyFace:
-    """Moves the lids and the head of a mesh.
+    """A mesh whose lids close and whose head moves.
 
     Parameters
     ----------
     mesh
         The face at rest.
     blinks
-        Whether its lids will be closed.
+        Whether its lids will close.
 
     Raises
     ------
     ConfigurationError
-        If lids are to be closed and the mesh does not name what it takes.
+        If the lids will close and the mesh lacks the feature points or regions of the eyes.
     """
 
     def __init__(self, mesh: Mesh, *, blinks: bool = True) -> None:
@@ -147,34 +155,56 @@ class LivelyFace:
         middle = mesh.vertices[ears].mean(axis=0) if ears else mesh.vertices.mean(axis=0)
         self._joint = np.array([0.0, self._chin, float(middle[2])])
 
-    def moved(
+    def move(
         self, vertices: FloatArray, blink: float, turn: FloatArray, shift: FloatArray
     ) -> FloatArray:
-        """The face with its lids partly closed and its head turned.
+        """Close the lids partly and move the head.
 
         Parameters
         ----------
         vertices
-            `(vertices, 3)`, mm, of this mesh.
+            Vertices of this mesh, ``(vertices, 3)``, millimetres.
         blink
-            0 open to 1 closed.
-        turn, shift
-            `(3,)`: a rotation vector (radians), and mm.
+            Closure of the lids, 0 to 1 (closed).
+        turn
+            Rotation vector of the head, ``(3,)``, radians.
+        shift
+            Translation of the head, ``(3,)``, millimetres.
+
+        Returns
+        -------
+        ndarray
+            The moved vertices, ``(vertices, 3)``, millimetres.
         """
         if blink > 0.0 and self._lids:
             vertices = vertices.copy()
             for lid in self._lids:
                 lid.close(vertices, blink)
-        return self.carried(vertices, turn, shift)
+        return self.carry(vertices, turn, shift)
 
-    def carried(self, points: FloatArray, turn: FloatArray, shift: FloatArray) -> FloatArray:
-        """Points that go with the head, `(points, 3)`, mm, such as markers."""
+    def carry(self, points: FloatArray, turn: FloatArray, shift: FloatArray) -> FloatArray:
+        """Move points with the head, such as markers.
+
+        Parameters
+        ----------
+        points
+            Points in the head frame, ``(points, 3)``, millimetres.
+        turn
+            Rotation vector of the head, ``(3,)``, radians.
+        shift
+            Translation of the head, ``(3,)``, millimetres.
+
+        Returns
+        -------
+        ndarray
+            The moved points, ``(points, 3)``, millimetres.
+        """
         if not (np.any(turn) or np.any(shift)):
             return points
         moved = Rotation.from_rotvec(turn).apply(points - self._joint) + self._joint + shift
         if not np.isfinite(self._foot):
             return np.asarray(moved)
-        share = _eased(np.clip((points[:, 1] - self._foot) / (self._chin - self._foot), 0.0, 1.0))
+        share = _ease(np.clip((points[:, 1] - self._foot) / (self._chin - self._foot), 0.0, 1.0))
         return np.asarray(points + share[:, None] * (moved - points))
 
 
@@ -187,13 +217,13 @@ class _Lid:
         missing = [name for name in points if name not in mesh.feature_points]
         if missing or not mesh.has_region(regions[0]):
             raise ConfigurationError(
-                "this face cannot blink: its mesh does not name what it takes",
+                "this face cannot blink: its mesh lacks points or regions of the eyes",
                 found=f"no {', '.join(missing) or regions[0]}",
                 expected=f"the feature points {', '.join(points)}, the region '{regions[0]}'",
                 advice="Leave the blinks out, or name them in the rig file.",
             )
-        places = [mesh.vertices[mesh.get_feature_point(name)] for name in points]
-        upper, lower, outer, inner, fold, pupil = places
+        positions = [mesh.vertices[mesh.get_feature_point(name)] for name in points]
+        upper, lower, outer, inner, fold, pupil = positions
         members = [mesh.get_region(name) for name in regions if mesh.has_region(name)]
         ids: IndexArray = np.unique(np.concatenate(members))
         rest = mesh.vertices[ids]
@@ -206,9 +236,9 @@ class _Lid:
         margin = level + bulge * (upper[1] - middle[1])
         target = level + bulge * (lower[1] - middle[1] + 0.3)
         above = (rest[:, 1] - margin) / max(fold[1] - upper[1], 1e-6)
-        share = 1.0 - _eased(np.clip(above, 0.0, 1.0))
-        # What lies under the middle line of the eye is the lower lid, which stays.
-        share *= _eased(np.clip((rest[:, 1] - level) / 0.6, 0.0, 1.0)) * (bulge > 0)
+        share = 1.0 - _ease(np.clip(above, 0.0, 1.0))
+        # Below the middle line of the eye is the lower lid, which does not move.
+        share *= _ease(np.clip((rest[:, 1] - level) / 0.6, 0.0, 1.0)) * (bulge > 0)
         chosen = share > 1e-3
         self._ids = ids[chosen]
         self._fall = (share * (target - margin))[chosen]
@@ -222,16 +252,16 @@ class _Lid:
 
     def close(self, vertices: FloatArray, amount: float) -> None:
         """Lower the lid, in place."""
-        places = vertices[self._ids]
-        height = places[:, 1] - self._centre[1]
-        depth = places[:, 2] - self._centre[2]
+        positions = vertices[self._ids]
+        height = positions[:, 1] - self._centre[1]
+        depth = positions[:, 2] - self._centre[2]
         lowered = height + amount * self._fall
-        # It stays as far from the eye's axis as it is, or it would cut through the ball.
+        # Its distance from the axis of the eye is constant, or it would cut through the ball.
         depth = np.sqrt(np.maximum(height**2 + depth**2 - lowered**2, 1.0))
-        places[:, 1] = self._centre[1] + lowered
-        places[:, 2] = np.maximum(self._centre[2] + depth, places[:, 2])
+        positions[:, 1] = self._centre[1] + lowered
+        positions[:, 2] = np.maximum(self._centre[2] + depth, positions[:, 2])
         if self._ball is not None:
-            vertices[self._ball_ids, 2] -= _DRAWN_BACK * min(1.0, 2.0 * amount)
+            vertices[self._ball_ids, 2] -= _RETRACTION * min(1.0, 2.0 * amount)
             thickness = _LID_THICKNESS * min(1.0, 4.0 * amount)
-            places[:, 2] = np.maximum(places[:, 2], self._ball(places[:, :2]) + thickness)
-        vertices[self._ids] = places
+            positions[:, 2] = np.maximum(positions[:, 2], self._ball(positions[:, :2]) + thickness)
+        vertices[self._ids] = positions

@@ -1,4 +1,4 @@
-"""A movie of talking heads: parameter tracks in, pictures with sound out."""
+"""Make movies of talking heads from parameter tracks and sound."""
 
 from __future__ import annotations
 
@@ -9,37 +9,38 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mocap_fit.drawing import CYCLE
 from mocap_fit.errors import DataError
 from mocap_fit.face import load_face
 from mocap_fit.face.rig import Rig
 from mocap_fit.phones import PhoneSequence
-from mocap_fit.render.liveliness import liveliness
-from mocap_fit.render.movie_file import MovieFile, checked_rate, movie_kind, sound_between
+from mocap_fit.render.liveliness import draw_liveliness
+from mocap_fit.render.movie_file import MovieFile, check_frame_rate, cut_sound, get_movie_kind
+from mocap_fit.render.pictures import Image
 from mocap_fit.render.running_strip import (
-    COLOURS,
     Curve,
     RunningStrip,
-    curves_of,
-    lettering,
-    moving_most,
+    draw_text,
+    select_moving,
+    to_curves,
 )
+from mocap_fit.render.sampling import sample_parameters
 from mocap_fit.render.scene import View
-from mocap_fit.render.talking import Talk, checked_views, drawn, markers_at, parameters_at
+from mocap_fit.render.talking import Talk, draw_frames
 from mocap_fit.sound import Sound, read_sound
 from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks
 
-Image = NDArray[np.uint8]
 Tracks = ParameterTracks | Mapping[str, ParameterTracks]
 
 _LABEL_HEIGHT = 34
 _SUBTITLE_HEIGHT = 44
 _PAPER = 255
 _ZOOM = 1.3
-# Phones beside the one that is heard, in the subtitles.
+# Phones on either side of the current one, in the subtitles.
 _NEIGHBOURS = 4
-_LONGEST = 3600.0
+# Seconds.
+_MAX_DURATION = 3600.0
 
 
 @dataclass(frozen=True)
@@ -49,15 +50,15 @@ class Movie:
     Parameters
     ----------
     path
-        Of the file, or of the folder of pictures.
+        The file, or the folder of pictures.
     frames
-        How many.
+        Number of frames.
     rate
-        Frames per second.
+        Frame rate, hertz.
     size
         Width and height, pixels.
     with_sound
-        Whether it is heard.
+        Whether it has sound.
     """
 
     path: Path
@@ -68,7 +69,7 @@ class Movie:
 
     @property
     def duration(self) -> float:
-        """Seconds."""
+        """Duration, seconds."""
         return self.frames / self.rate
 
 
@@ -97,100 +98,123 @@ def render_movie(
     Parameters
     ----------
     tracks
-        Face parameters over time; or several, by the label that is written under each head.
+        Face parameters over time; or several of them by the label that is written under each
+        head.
     path
-        ``.mp4`` (H.264, and AAC when there is sound), ``.gif`` (silent), or a name without an
+        A name in ``.mp4`` (H.264, and AAC when there is sound) or ``.gif`` (silent), or without an
         ending: a new folder of PNG pictures.
     face
-        The rig, ``"built-in"`` (the default), or a rig file.
+        A rig, ``"built-in"`` (the default), or a rig file.
     sound
-        A sound, or a wav file, on the clock of the tracks: it begins at 0 s, and so does the
-        movie. The movie lasts until both have ended.
+        A sound or a wav file on the clock of the tracks: it begins at 0 s, and so does the movie.
+        The movie lasts until both have ended.
     rate
-        Pictures per second. Picture ``i`` is seen from ``i / rate`` to ``(i + 1) / rate`` and
+        Frame rate, hertz. Picture ``i`` is visible from ``i / rate`` to ``(i + 1) / rate`` and
         shows the face in the middle of that time.
     size
         Width and height of one head's picture, pixels.
     view
         ``front``, ``three-quarter`` or ``side``; several are shown together.
     zoom
-        Above 1.3 is closer.
+        Magnification, no unit: 1 shows the entire head; above 1 is closer.
     phones
-        What is said, for the subtitles and below the curves.
+        The phones of the utterance, for the subtitles and below the curves.
     subtitles
-        Write the phones under the heads, the one that is heard in the middle.
+        Whether the phones are written under the heads, the current one in the middle.
     curves
-        Parameters whose curves run along below, a colour a head; True takes those that move most.
+        Parameters whose curves are drawn below, a colour for each head; True takes those that
+        move most.
     markers
-        Recorded markers in the frame of the head, drawn over every head as balls.
-    blinks, head_motion
-        Add what a lively head does; both are drawn from the seed, not measured.
+        Recorded markers in the head frame, drawn over every head as balls.
+    blinks
+        Whether blinks are added, drawn at random from the seed.
+    head_motion
+        Whether head motion is added, drawn at random from the seed.
     seed
-        See `mocap_fit.render.liveliness`.
+        Another seed draws other blinks and head motion.
     jobs
-        How many processes draw. A script that asks for more than one must have its work behind
+        Number of processes that draw. A script that uses more than one must have its work behind
         ``if __name__ == "__main__":``, as always when processes are started.
     progress
-        Called after each picture with how many are done and how many there are.
+        Called after each picture with the number that are done and the number of all.
 
     Returns
     -------
     Movie
-        What was written. Nothing is, if something is wrong.
+        The movie that was written.
 
     Raises
     ------
     ConfigurationError
-        If the ending is unknown, or the face cannot do what is asked.
+        If the ending is unknown, or the face cannot blink.
     DataError
-        If tracks, rate, size or view are not possible, or subtitles are asked for without phones.
+        If tracks, rate, size or view are out of range, or subtitles have no phones.
     FileFormatError
-        If the sound cannot be read, or the movie not written.
+        If the sound cannot be read, or the movie cannot be written.
     MissingExtraError
-        If ffmpeg or a way to draw is missing.
+        If ffmpeg, or a display and EGL, are missing.
+
+    See Also
+    --------
+    synthesise : Compute face parameters of phones with a control model.
+    read_sound : Read a sound file.
+
+    Examples
+    --------
+    A small silent movie, as a folder of pictures:
+
+    >>> import mocap_fit as mf
+    >>> from mocap_fit.control.rule_based import RuleBased
+    >>> phones = mf.read_phones(mf.load_sample("take_01.TextGrid"), phone_set="sv-sta")
+    >>> tracks = mf.synthesise(phones, RuleBased().prepare("sv-sta")).between(0.5, 0.9)
+    >>> movie = mf.render_movie(tracks, "pictures", rate=10, size=(64, 64))
+    >>> movie.frames, movie.size, movie.with_sound
+    (4, (64, 64), False)
     """
-    movie_kind(path)
-    rate = checked_rate(rate)
-    heads = _labelled(tracks)
+    get_movie_kind(path)
+    rate = check_frame_rate(rate)
+    heads = _label_heads(tracks)
     if subtitles and phones is None:
         raise DataError("subtitles need the phones of what is said")
-    rig = _rig(face)
-    heard = read_sound(sound) if isinstance(sound, str | os.PathLike) else sound
-    start, end = _span(heads, heard)
+    rig = _load_rig(face)
+    speech = read_sound(sound) if isinstance(sound, str | os.PathLike) else sound
+    start, end = _find_extent(heads, speech)
     count = max(math.ceil((end - start) * rate - 1e-6), 1)
     times: FloatArray = start + (np.arange(count, dtype=np.float64) + 0.5) / rate
-    views = checked_views(view)
+    views: tuple[View, ...] = (view,) if isinstance(view, str) else tuple(view)
+    if not views:
+        raise DataError("a movie needs a view")
     talk = Talk(
         rig,
-        tuple(parameters_at(head, times, rig) for head in heads.values()),
+        tuple(sample_parameters(head, times, rig) for head in heads.values()),
         views,
         (int(size[0]), int(size[1])),
         zoom,
-        liveliness(times, blinks=blinks, head_motion=head_motion, seed=seed),
-        markers_at(markers, times),
+        draw_liveliness(times, blinks=blinks, head_motion=head_motion, seed=seed),
+        np.zeros((count, 0, 3)) if markers is None else markers.at(times),
     )
-    chosen = moving_most(list(heads.values())) if curves is True else tuple(curves or ())
+    chosen = select_moving(list(heads.values())) if curves is True else tuple(curves or ())
     page = _Page(
         talk,
         list(heads),
         phones=phones if subtitles else None,
-        curves=curves_of(heads, chosen),
+        curves=to_curves(heads, chosen),
         strip_phones=phones if chosen else None,
-        span=(start, end),
+        extent=(start, end),
     )
-    if heard is not None:
-        heard = sound_between(heard, start, start + len(times) / rate)
-    with MovieFile(path, rate, page.size, heard) as movie:
-        for number, pictures in enumerate(drawn(talk, jobs)):
-            movie.add(page.composed(pictures, float(times[number])))
+    if speech is not None:
+        speech = cut_sound(speech, start, start + count / rate)
+    with MovieFile(path, rate, page.size, speech) as movie:
+        for number, pictures in enumerate(draw_frames(talk, jobs)):
+            movie.add(page.compose(pictures, float(times[number])))
             if progress is not None:
-                progress(number + 1, len(times))
-    with_sound = heard is not None and movie.kind == "mp4"
-    return Movie(Path(path), len(times), rate, page.size, with_sound)
+                progress(number + 1, count)
+    with_sound = speech is not None and movie.kind == "mp4"
+    return Movie(Path(path), count, rate, page.size, with_sound)
 
 
 class _Page:
-    """Where heads, labels, subtitles and curves are in each picture of the movie."""
+    """The arrangement of heads, labels, subtitles and curves in each picture of the movie."""
 
     def __init__(
         self,
@@ -200,7 +224,7 @@ class _Page:
         phones: PhoneSequence | None,
         curves: Mapping[str, Sequence[Curve]],
         strip_phones: PhoneSequence | None,
-        span: tuple[float, float],
+        extent: tuple[float, float],
     ) -> None:
         self._views, self._heads = len(talk.views), len(labels)
         self._head = talk.size
@@ -219,19 +243,19 @@ class _Page:
         self._strip_top = height
         self._strip: RunningStrip | None = None
         if curves:
-            self._strip = RunningStrip(width, curves, strip_phones, *span)
+            self._strip = RunningStrip(width, curves, strip_phones, *extent)
             height += self._strip.height
         # MP4 wants even numbers.
         self.size = (width + width % 2, height + height % 2)
         self._blank = np.full((self.size[1], self.size[0], 3), _PAPER, dtype=np.uint8)
         self._write_labels(width)
 
-    def composed(self, pictures: Sequence[Sequence[Image]], time: float) -> Image:
-        """Put a frame together."""
+    def compose(self, pictures: Sequence[Sequence[Image]], time: float) -> Image:
+        """Return a picture of the movie."""
         page = self._blank.copy()
         width, height = self._head
-        placed = pictures if self._heads > 1 else [[row[0] for row in pictures]]
-        for row, some in enumerate(placed):
+        grid = pictures if self._heads > 1 else [[row[0] for row in pictures]]
+        for row, some in enumerate(grid):
             for column, picture in enumerate(some):
                 page[row * height : (row + 1) * height, column * width : (column + 1) * width] = (
                     picture
@@ -246,43 +270,43 @@ class _Page:
     def _write_labels(self, width: int) -> None:
         step = width / max(len(self._labels), 1)
         for i, label in enumerate(self._labels):
-            colour = COLOURS[i % len(COLOURS)] if self._coloured else "black"
-            text = lettering(label, colour=colour)
-            _put(self._blank, text, (i + 0.5) * step, self._label_top + _LABEL_HEIGHT / 2)
+            colour = CYCLE[i % len(CYCLE)] if self._coloured else "black"
+            text = draw_text(label, colour=colour)
+            _paste(self._blank, text, (i + 0.5) * step, self._label_top + _LABEL_HEIGHT / 2)
 
     def _write_phones(self, page: Image, phones: PhoneSequence, time: float) -> None:
-        """The phone that is heard in the middle, its neighbours beside it, lighter."""
+        """Write the current phone in the middle, its neighbours on either side, lighter."""
         now = int(phones.at(np.array([time]))[0])
         middle, y = self._columns * self._head[0] / 2, self._subtitle_top + _SUBTITLE_HEIGHT / 2
         if now < 0:
             return
-        heard = lettering(phones[now].phone, points=17.0)
-        _put(page, heard, middle, y)
+        current = draw_text(phones[now].phone, points=17.0)
+        _paste(page, current, middle, y)
         for direction in (-1, 1):
-            edge = middle + direction * (heard.shape[1] / 2 + 14)
+            edge = middle + direction * (current.shape[1] / 2 + 14)
             for step in range(1, _NEIGHBOURS + 1):
                 other = now + direction * step
                 if not 0 <= other < len(phones):
                     break
-                text = lettering(phones[other].phone, colour="0.6")
+                text = draw_text(phones[other].phone, colour="0.6")
                 edge += direction * text.shape[1] / 2
-                _put(page, text, edge, y)
+                _paste(page, text, edge, y)
                 edge += direction * (text.shape[1] / 2 + 14)
 
 
-def _put(page: Image, text: Image, x: float, y: float) -> None:
-    """Write on white paper, centred on a place, as far as it is on the page."""
+def _paste(page: Image, text: Image, x: float, y: float) -> None:
+    """Write a text on a white page, centred on a point, as far as it is on the page."""
     top, left = round(y - text.shape[0] / 2), round(x - text.shape[1] / 2)
     rows = slice(max(top, 0), min(top + text.shape[0], page.shape[0]))
     columns = slice(max(left, 0), min(left + text.shape[1], page.shape[1]))
     if rows.stop <= rows.start or columns.stop <= columns.start:
         return
     part = text[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
-    place = page[rows, columns]
-    np.minimum(place, part, out=place)
+    background = page[rows, columns]
+    np.minimum(background, part, out=background)
 
 
-def _labelled(tracks: Tracks) -> dict[str, ParameterTracks]:
+def _label_heads(tracks: Tracks) -> dict[str, ParameterTracks]:
     if isinstance(tracks, ParameterTracks):
         return {"": tracks}
     heads = dict(tracks)
@@ -291,23 +315,23 @@ def _labelled(tracks: Tracks) -> dict[str, ParameterTracks]:
     return heads
 
 
-def _span(heads: Mapping[str, ParameterTracks], sound: Sound | None) -> tuple[float, float]:
-    """From when to when the movie is, seconds."""
+def _find_extent(heads: Mapping[str, ParameterTracks], sound: Sound | None) -> tuple[float, float]:
+    """Return start and end of the movie, seconds."""
     ends = [head.start_time + head.duration for head in heads.values()]
     if sound is None:
         start, end = min(head.start_time for head in heads.values()), max(ends)
     else:
         start, end = 0.0, max(*ends, sound.duration)
-    if end - start > _LONGEST:
+    if end - start > _MAX_DURATION:
         raise DataError(
             "the movie would last longer than an hour",
             found=f"{end - start:.0f} s",
-            advice="Check the start times, or take a stretch of the tracks (between).",
+            advice="Check the start times, or take a part of the tracks (between).",
         )
     return start, end
 
 
-def _rig(face: Rig | str | Path | None) -> Rig:
+def _load_rig(face: Rig | str | Path | None) -> Rig:
     if face is None:
         return load_face()
     return load_face(face) if isinstance(face, str | Path) else face

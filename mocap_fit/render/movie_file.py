@@ -1,7 +1,7 @@
-"""Moving pictures on disk: MP4 with sound, GIF, or a folder of PNG pictures.
+"""Movies on disk: MP4 with sound, GIF, or a folder of PNG pictures.
 
-MP4 and GIF are written by ffmpeg, which the extra ``movie`` brings along and which runs as a
-process of its own. Whatever it is, it is there whole or not at all.
+MP4 and GIF are written by ffmpeg, which the extra ``movie`` installs and which runs as a separate
+process. Each is written completely or not at all.
 """
 
 from __future__ import annotations
@@ -17,29 +17,37 @@ from pathlib import Path
 from typing import IO, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, MissingExtraError
-from mocap_fit.render.pictures import save_picture
+from mocap_fit.render.pictures import Image, save_picture
 from mocap_fit.sound import Sound, write_sound
 
-Image = NDArray[np.uint8]
-Kind = Literal["mp4", "gif", "png"]
+MovieKind = Literal["mp4", "gif", "png"]
 
-# AAC goes by blocks of 1024 samples. At these rates one is shorter than a picture.
+# AAC works in blocks of 1024 samples. At these rates one is shorter than a picture.
 _SOUND_RATES = (44100, 48000)
-# GIF counts hundredths of a second, and what is shown for one of them alone is shown slowly.
-_LARGEST_GIF_RATE = 50.0
-_LARGEST_RATE = 240.0
-# Colours as televisions and browsers expect them, and marked so.
+# GIF counts hundredths of a second, and viewers slow down pictures of one hundredth.
+_MAX_GIF_RATE = 50.0
+_MAX_RATE = 240.0
+# Colours as televisions and browsers expect them, and labelled so.
 _COLOURS = (
     "scale=out_color_matrix=bt709:out_range=tv",
     "setparams=colorspace=bt709:color_primaries=bt709:color_trc=bt709:range=tv",
 )
 
 
-def movie_kind(path: str | os.PathLike[str]) -> Kind:
-    """What a name asks for: ``.mp4``, ``.gif``, or, without an ending, a folder of PNG pictures.
+def get_movie_kind(path: str | os.PathLike[str]) -> MovieKind:
+    """Return the kind of movie that a file name stands for.
+
+    Parameters
+    ----------
+    path
+        A name in ``.mp4`` or ``.gif``, or without an ending: a folder of PNG pictures.
+
+    Returns
+    -------
+    str
+        ``mp4``, ``gif`` or ``png``.
 
     Raises
     ------
@@ -61,25 +69,40 @@ def movie_kind(path: str | os.PathLike[str]) -> Kind:
     )
 
 
-def checked_rate(rate: float) -> float:
-    """The frame rate of a movie.
+def check_frame_rate(rate: float) -> float:
+    """Check the frame rate of a movie.
+
+    Parameters
+    ----------
+    rate
+        Frame rate, hertz.
+
+    Returns
+    -------
+    float
+        The frame rate, hertz.
 
     Raises
     ------
     DataError
-        If it is not above 0, or above 240 a second.
+        If it is not above 0 and up to 240 Hz.
     """
-    if not math.isfinite(rate) or not 0 < rate <= _LARGEST_RATE:
+    if not math.isfinite(rate) or not 0 < rate <= _MAX_RATE:
         raise DataError(
             "a movie cannot have this frame rate",
             found=f"{rate} Hz",
-            expected=f"above 0, up to {_LARGEST_RATE:g} Hz",
+            expected=f"above 0, up to {_MAX_RATE:g} Hz",
         )
     return float(rate)
 
 
-def ffmpeg_program() -> str:
-    """Where the ffmpeg of the extra ``movie`` is.
+def find_ffmpeg() -> str:
+    """Find the ffmpeg of the extra ``movie``.
+
+    Returns
+    -------
+    str
+        Path of the program.
 
     Raises
     ------
@@ -105,29 +128,28 @@ def ffmpeg_program() -> str:
 class MovieFile:
     """A movie that is being written, picture by picture.
 
-    Use it in a ``with`` block: at its end the file is complete, and takes its name; after an
-    error nothing of it is left.
+    Use it in a ``with`` block: at its end the file is completed and renamed; after an error
+    nothing of it is left.
 
     Parameters
     ----------
     path
-        As for `movie_kind`.
+        A name in ``.mp4`` or ``.gif``, or without an ending: a folder of PNG pictures.
     rate
-        Pictures per second.
+        Frame rate, hertz.
     size
-        Width and height of each; MP4 needs even numbers.
+        Width and height of each picture, pixels; even numbers for MP4.
     sound
-        Heard from the first picture on, as long as the pictures are seen; `sound_between` cuts or
-        fills it so. Only MP4 holds sound.
+        Sound from the first picture on, as long as the movie (`cut_sound`). Only MP4 holds sound.
 
     Raises
     ------
     ConfigurationError
         If the ending is unknown, or a folder of that name holds something.
     DataError
-        If the rate or the size is not possible.
+        If the rate or the size is out of range.
     MissingExtraError
-        If ffmpeg is needed and not there.
+        If ffmpeg is needed and not installed.
     """
 
     def __init__(
@@ -138,8 +160,8 @@ class MovieFile:
         sound: Sound | None = None,
     ) -> None:
         self.path = Path(path)
-        self.kind = movie_kind(path)
-        self.rate = checked_rate(rate)
+        self.kind = get_movie_kind(path)
+        self.rate = check_frame_rate(rate)
         self.size = (int(size[0]), int(size[1]))
         self.frames = 0
         self._sound = sound
@@ -149,41 +171,46 @@ class MovieFile:
                 path=path,
                 found=f"{self.size[0]} × {self.size[1]}",
             )
-        if self.kind == "gif" and self.rate > _LARGEST_GIF_RATE:
+        if self.kind == "gif" and self.rate > _MAX_GIF_RATE:
             raise DataError(
                 "a GIF cannot have this frame rate",
                 path=path,
                 found=f"{self.rate:g} Hz",
-                expected=f"at most {_LARGEST_GIF_RATE:g} Hz",
+                expected=f"at most {_MAX_GIF_RATE:g} Hz",
                 advice="Write an MP4, or take a lower rate.",
             )
-        if self.kind == "png" and self.path.exists() and not _replaceable(self.path):
+        if self.kind == "png" and self.path.exists() and not _is_replaceable(self.path):
             raise ConfigurationError(
                 "this is not a new folder, nor one that holds only pictures of a movie",
                 path=path,
                 advice="Give the name of a new folder.",
             )
-        self._program = "" if self.kind == "png" else ffmpeg_program()
+        self._program = "" if self.kind == "png" else find_ffmpeg()
         self._folder: Path | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._messages: IO[bytes] | None = None
 
     def __enter__(self) -> MovieFile:
         try:
-            # Beside the movie, so that the last step is a mere renaming.
+            # Beside the movie, so that the last step is a renaming.
             self._folder = Path(tempfile.mkdtemp(dir=self.path.parent, prefix=".movie-"))
         except OSError as error:
-            raise self._unwritable(error) from None
+            raise self._describe_os_error(error) from None
         try:
             if self.kind != "png":
-                self._start()
+                self._start_ffmpeg()
         except BaseException:
             self._clean_up()
             raise
         return self
 
     def add(self, image: Image) -> None:
-        """Append a picture, `(height, width, 3)`, uint8.
+        """Append a picture.
+
+        Parameters
+        ----------
+        image
+            The picture, ``(height, width, 3)``, 0 to 255, uint8.
 
         Raises
         ------
@@ -207,8 +234,8 @@ class MovieFile:
             try:
                 self._process.stdin.write(np.ascontiguousarray(image).data)
             except OSError:
-                # ffmpeg has ended before us: what it said is the reason.
-                raise self._failed() from None
+                # ffmpeg has ended: its message is the reason.
+                raise self._describe_failure() from None
         self.frames += 1
 
     def __exit__(self, kind: object, *rest: object) -> None:
@@ -218,7 +245,7 @@ class MovieFile:
         finally:
             self._clean_up()
 
-    def _start(self) -> None:
+    def _start_ffmpeg(self) -> None:
         assert self._folder is not None
         width, height = self.size
         rate = Fraction(self.rate).limit_denominator(100_000)
@@ -229,10 +256,10 @@ class MovieFile:
             command += ["-vf", "split[a][b];[a]palettegen=stats_mode=diff[p];[b][p]paletteuse"]
             command += ["-loop", "0"]
         else:
-            sounding = self._sound_file()
-            if sounding is not None:
-                command += ["-i", str(sounding), "-c:a", "aac", "-b:a", "128k"]
-            # The number of threads decides a little what x264 does: it is fixed, so that the same
+            sound_file = self._write_sound()
+            if sound_file is not None:
+                command += ["-i", str(sound_file), "-c:a", "aac", "-b:a", "128k"]
+            # The output of x264 depends on the number of threads: it is fixed, so that the same
             # pictures give the same bytes on every machine.
             command += ["-c:v", "libx264", "-preset", "veryfast", "-crf", "18", "-threads", "2"]
             command += ["-pix_fmt", "yuv420p", "-vf", ",".join(_COLOURS)]
@@ -246,7 +273,7 @@ class MovieFile:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=self._messages,
-                **_no_window(),
+                **_suppress_window(),
             )
         except OSError as error:
             raise MissingExtraError(
@@ -260,11 +287,11 @@ class MovieFile:
         assert self._folder is not None
         return self._folder / f"movie.{self.kind}"
 
-    def _sound_file(self) -> Path | None:
+    def _write_sound(self) -> Path | None:
         if self._sound is None or not len(self._sound.samples):
             return None
         assert self._folder is not None
-        sound = _for_aac(self._sound)
+        sound = _convert_for_aac(self._sound)
         path = self._folder / "sound.wav"
         write_sound(sound, path)
         return path
@@ -278,37 +305,37 @@ class MovieFile:
                 if self.path.exists():
                     shutil.rmtree(self.path)
                 os.replace(self._folder, self.path)
-                # A folder for temporary things is its owner's alone.
-                self.path.chmod(0o777 & ~_umask())
+                # Only its owner may read a temporary folder.
+                self.path.chmod(0o777 & ~_read_umask())
             except OSError as error:
-                raise self._unwritable(error) from None
+                raise self._describe_os_error(error) from None
             return
         assert self._process.stdin is not None
         try:
             self._process.stdin.close()
         except OSError:
-            raise self._failed() from None
+            raise self._describe_failure() from None
         if self._process.wait() != 0:
-            raise self._failed()
+            raise self._describe_failure()
         try:
             os.replace(self._content, self.path)
         except OSError as error:
-            raise self._unwritable(error) from None
+            raise self._describe_os_error(error) from None
 
-    def _failed(self) -> FileFormatError:
+    def _describe_failure(self) -> FileFormatError:
         assert self._process is not None
         assert self._messages is not None
         self._process.wait()
         self._messages.seek(0)
-        said = self._messages.read().decode(errors="replace").strip().splitlines()
+        lines = self._messages.read().decode(errors="replace").strip().splitlines()
         return FileFormatError(
             "ffmpeg could not write the movie",
             path=self.path,
-            found=said[-1] if said else f"exit status {self._process.returncode}",
+            found=lines[-1] if lines else f"exit status {self._process.returncode}",
             advice="Check that the disk is not full.",
         )
 
-    def _unwritable(self, error: OSError) -> FileFormatError:
+    def _describe_os_error(self, error: OSError) -> FileFormatError:
         return FileFormatError(
             "the movie cannot be written",
             path=self.path,
@@ -333,15 +360,22 @@ class MovieFile:
             self._folder = None
 
 
-def sound_between(sound: Sound, start: float, end: float) -> Sound:
-    """A stretch of a sound, with silence where the stretch goes beyond it.
+def cut_sound(sound: Sound, start: float, end: float) -> Sound:
+    """Return a part of a sound, with silence where it goes beyond the sound.
 
     Parameters
     ----------
     sound
-        Begins at 0 s.
-    start, end
-        Seconds.
+        The sound, which begins at 0 s.
+    start
+        Start of the part, seconds; it may be negative.
+    end
+        End of the part, seconds.
+
+    Returns
+    -------
+    Sound
+        Its duration is that of the part.
 
     Raises
     ------
@@ -349,18 +383,18 @@ def sound_between(sound: Sound, start: float, end: float) -> Sound:
         If the end does not come after the start.
     """
     if not end > start:
-        raise DataError("a stretch of sound ends after its start", found=f"{start} s to {end} s")
+        raise DataError("a part of a sound ends after its start", found=f"{start} s to {end} s")
     first, last = round(start * sound.rate), round(end * sound.rate)
-    stretch = np.zeros((max(last - first, 1), sound.channels))
+    samples = np.zeros((max(last - first, 1), sound.channels))
     inside = slice(max(first, 0), max(min(last, len(sound.samples)), 0))
     part = sound.samples[inside]
     if len(part):
-        stretch[inside.start - first : inside.start - first + len(part)] = part
-    return sound.replace(samples=stretch)
+        samples[inside.start - first : inside.start - first + len(part)] = part
+    return sound.replace(samples=samples)
 
 
-def _for_aac(sound: Sound) -> Sound:
-    """The sound at a rate of movies, in one channel or two."""
+def _convert_for_aac(sound: Sound) -> Sound:
+    """Return the sound at a rate that movies have, with one or two channels."""
     if sound.channels > 2:
         sound = sound.to_mono()
     if sound.rate in _SOUND_RATES:
@@ -373,8 +407,8 @@ def _for_aac(sound: Sound) -> Sound:
     return Sound(samples, rate, name=sound.name)
 
 
-def _replaceable(folder: Path) -> bool:
-    """Whether a folder holds nothing but pictures that a movie put there."""
+def _is_replaceable(folder: Path) -> bool:
+    """Return whether a folder holds nothing but the pictures of a movie."""
     if not folder.is_dir():
         return False
     return all(
@@ -382,13 +416,13 @@ def _replaceable(folder: Path) -> bool:
     )
 
 
-def _umask() -> int:
+def _read_umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
 
 
-def _no_window() -> dict[str, Any]:
-    """On Windows a console program would open a window."""
+def _suppress_window() -> dict[str, Any]:
+    """Return the options that open no window for a console program on Windows."""
     flags = getattr(subprocess, "CREATE_NO_WINDOW", 0)
     return {"creationflags": flags} if flags else {}

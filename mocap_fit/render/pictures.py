@@ -1,4 +1,4 @@
-"""Sheets of pictures, and pictures on disk."""
+"""Pictures in memory and on disk, sheets of them, and text on them."""
 
 from __future__ import annotations
 
@@ -21,37 +21,37 @@ _LABEL_POINTS = 9.0
 _DOTS_PER_INCH = 100
 
 
-def picture_sheet(
+def make_sheet(
     images: Sequence[Image],
     columns: int = 4,
     labels: Sequence[str] | None = None,
     *,
     margin: int = 8,
 ) -> Image:
-    """Put pictures of one size side by side, row by row, on white paper.
+    """Arrange pictures of one size in rows on a white sheet.
 
     Parameters
     ----------
     images
-        Pictures, `(height, width, 3)` uint8 each.
+        Pictures, ``(height, width, 3)`` each, 0 to 255.
     columns
-        How many in a row.
+        Number of pictures in a row.
     labels
         A line of text under each picture.
     margin
-        Pixels between pictures and around them.
+        Space between pictures and around them, pixels.
 
     Returns
     -------
     ndarray
-        `(height, width, 3)`, uint8.
+        The sheet, ``(height, width, 3)``, 0 to 255.
 
     Raises
     ------
     DataError
         If there are no pictures, their sizes differ, or labels and pictures do not match.
     """
-    _check(images, columns, labels)
+    _check_sheet(images, columns, labels)
     height, width = images[0].shape[:2]
     columns = min(columns, len(images))
     rows = -(-len(images) // columns)
@@ -66,12 +66,19 @@ def picture_sheet(
         sheet[top : top + height, left : left + width] = image
     if labels is None:
         return sheet
-    places = [(left + width / 2, top + height + _LABEL_HEIGHT / 2) for top, left in corners]
-    return _with_text(sheet, labels, places)
+    centres = [(left + width / 2, top + height + _LABEL_HEIGHT / 2) for top, left in corners]
+    return _write_texts(sheet, labels, centres)
 
 
 def save_picture(image: Image, path: str | os.PathLike[str]) -> None:
-    """Write a picture as PNG, whole or not at all.
+    """Write a picture as PNG.
+
+    Parameters
+    ----------
+    image
+        The picture, ``(height, width, 3)``, 0 to 255.
+    path
+        A name in ``.png``; an existing file is replaced.
 
     Raises
     ------
@@ -87,7 +94,31 @@ def save_picture(image: Image, path: str | os.PathLike[str]) -> None:
         imsave(partial, image, format="png")
 
 
-def _check(images: Sequence[Image], columns: int, labels: Sequence[str] | None) -> None:
+def create_canvas(width: int, height: int) -> tuple[Any, Any]:
+    """Return an empty matplotlib figure and the canvas that draws it.
+
+    Parameters
+    ----------
+    width
+        Width, pixels.
+    height
+        Height, pixels.
+
+    Returns
+    -------
+    Figure
+        Unknown to pyplot: it opens no window.
+    FigureCanvasAgg
+        Its `buffer_rgba` has the pixels after `draw`.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width / _DOTS_PER_INCH, height / _DOTS_PER_INCH), dpi=_DOTS_PER_INCH)
+    return figure, FigureCanvasAgg(figure)
+
+
+def _check_sheet(images: Sequence[Image], columns: int, labels: Sequence[str] | None) -> None:
     if not images:
         raise DataError("there are no pictures to put on a sheet")
     if columns < 1:
@@ -105,16 +136,14 @@ def _check(images: Sequence[Image], columns: int, labels: Sequence[str] | None) 
         )
 
 
-def _with_text(sheet: Image, texts: Sequence[str], places: Sequence[tuple[float, float]]) -> Image:
-    """Write texts centred on places (pixels from the left and the top)."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
+def _write_texts(
+    sheet: Image, texts: Sequence[str], centres: Sequence[tuple[float, float]]
+) -> Image:
+    """Return a sheet with texts centred on points (pixels from the left and the top)."""
     height, width = sheet.shape[:2]
-    figure = Figure(figsize=(width / _DOTS_PER_INCH, height / _DOTS_PER_INCH), dpi=_DOTS_PER_INCH)
-    canvas: Any = FigureCanvasAgg(figure)
+    figure, canvas = create_canvas(width, height)
     figure.patch.set_alpha(0.0)
-    for text, (x, y) in zip(texts, places, strict=True):
+    for text, (x, y) in zip(texts, centres, strict=True):
         figure.text(
             x / width,
             1 - y / height,

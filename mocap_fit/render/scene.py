@@ -1,4 +1,4 @@
-"""Pictures of a face, made off screen."""
+"""Draw pictures of a face off screen."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ _LARGEST = 8192
 def prepare_off_screen() -> None:
     """Let VTK draw without a display, where there is none.
 
-    It takes effect only before VTK is first imported; a choice that the user has made stays.
+    It takes effect only before VTK is first imported; a choice of the user is not changed.
     """
     if sys.platform == "linux" and not os.environ.get("DISPLAY"):
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
 
 
 def require_off_screen() -> None:
-    """Let VTK draw without a display, or say why it cannot.
+    """Let VTK draw without a display, or raise an error that says why it cannot.
 
-    On Linux VTK then draws through EGL, and takes the whole process down where that library is
-    missing: it is looked for here first. Another way that the user has chosen is not questioned.
+    On Linux VTK then draws through EGL, and ends the process where that library is missing: it is
+    searched here first. Another choice of the user is not checked.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def require_off_screen() -> None:
 
 
 class FaceScene:
-    """A face set up once for drawing, then drawn in any shape.
+    """A face that is set up once and then drawn in any shape.
 
     Use it in a ``with`` block, or call `close`, so that the window's memory is freed.
 
@@ -80,24 +80,24 @@ class FaceScene:
     mesh
         The face.
     view
-        Where the camera stands: ``front``, ``three-quarter`` or ``side`` (the speaker's left).
+        Position of the camera: ``front``, ``three-quarter`` or ``side`` (the speaker's left).
     size
-        Width and height of the picture in pixels.
+        Width and height of the picture, pixels.
     zoom
-        1 shows the whole mesh; above 1 is closer.
+        Magnification, no unit: 1 shows the entire mesh; above 1 is closer.
     centre
-        `(3,)`, mm: what the camera looks at; the middle of the mesh where None.
+        The point that the camera looks at, ``(3,)``, millimetres; the middle of the mesh if None.
     marker_radius
-        Radius of the balls that markers are drawn as (mm).
+        Radius of the balls that markers are drawn as, millimetres.
     smooth_edges
         False draws in half the time or less, with jagged outlines.
 
     Raises
     ------
     DataError
-        If the view, the size or the zoom is not possible.
+        If the view is unknown, or the size or the zoom is out of range.
     MissingExtraError
-        If this machine cannot draw; see `require_off_screen`.
+        If this machine has neither a display nor EGL.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class FaceScene:
         marker_radius: float = 1.6,
         smooth_edges: bool = True,
     ) -> None:
-        _check(view, size, zoom)
+        _check_view(view, size, zoom)
         require_off_screen()
         import pyvista
         from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
@@ -119,76 +119,76 @@ class FaceScene:
         self.mesh = mesh
         self._size = (int(size[0]), int(size[1]))
         self._finer = _FINER if smooth_edges and _FINER * max(size) <= _LARGEST else 1
-        drawn = [self._finer * pixels for pixels in self._size]
-        plotter: Any = pyvista.Plotter(off_screen=True, window_size=drawn, lighting="none")
+        drawn_size = [self._finer * pixels for pixels in self._size]
+        plotter: Any = pyvista.Plotter(off_screen=True, window_size=drawn_size, lighting="none")
         plotter.set_background(_BACKGROUND)
         plotter.render_window.SetMultiSamples(0)
         self._plotter = plotter
         self._lighting = Lighting(mesh)
-        self._face = _Surface(plotter, mesh.vertices, _seen_from_outside(mesh))
+        self._face = _Surface(plotter, mesh.vertices, _list_outside_triangles(mesh))
         self._balls = _Balls(plotter, marker_radius)
         _place_camera(plotter, mesh, view, zoom, centre)
         # `show` sets the window up; it must come before the first picture, and only once.
         plotter.show(auto_close=False)
         self._pixels = vtkUnsignedCharArray()
 
-    def image(
-        self, vertices: ArrayLike | None = None, *, markers: ArrayLike | None = None
-    ) -> Image:
+    def draw(self, vertices: ArrayLike | None = None, *, markers: ArrayLike | None = None) -> Image:
         """Draw the face in one shape.
 
         Parameters
         ----------
         vertices
-            `(vertices, 3)`, mm; the mesh at rest where None.
+            The shape, ``(vertices, 3)``, millimetres; the mesh at rest if None.
         markers
-            `(markers, 3)`, mm, drawn as balls; a missing marker (NaN) is not drawn.
+            Markers to draw as balls, ``(markers, 3)``, millimetres; one that is missing (NaN) is
+            not drawn.
 
         Returns
         -------
         ndarray
-            `(height, width, 3)`, uint8: red, green and blue.
+            Red, green and blue, ``(height, width, 3)``, 0 to 255.
 
         Raises
         ------
         DataError
             If the vertices are not those of this mesh, or not finite, or markers are not points.
         """
-        shape = self._checked(vertices)
-        self._face.update(shape, self._lighting.colours(shape, self.camera_position))
-        self._balls.update(_checked_markers(markers))
+        shape = self._check_vertices(vertices)
+        self._face.update(shape, self._lighting.compute_colours(shape, self.camera_position))
+        self._balls.update(_check_markers(markers))
         self._plotter.renderer.ResetCameraClippingRange()
-        # Without this, what is read is the picture before.
+        # Without this, the previous picture is read.
         self._plotter.render_window.Render()
-        pixels = self._read()
+        pixels = self._read_window()
         if self._finer == 2:
-            pixels = _half_as_large(pixels)
+            pixels = _reduce_by_half(pixels)
         picture = np.ascontiguousarray(pixels).view(np.uint8)
         return np.ascontiguousarray(picture.reshape(*pixels.shape, 4)[..., :3])
 
     @property
     def camera_position(self) -> FloatArray:
-        """Where the camera stands, `(3,)`, mm."""
+        """Position of the camera, ``(3,)``, millimetres."""
         return np.array(self._plotter.camera.position, dtype=np.float64)
 
     def project(self, points: ArrayLike) -> FloatArray:
-        """Where points of the face are in the picture.
+        """Project points of the face to the picture.
 
         Parameters
         ----------
         points
-            `(points, 3)`, mm.
+            Points, ``(points, 3)``, millimetres.
 
         Returns
         -------
         ndarray
-            `(points, 2)`: pixels from the left and from the top; NaN for missing points.
+            Distances from the left and from the top, ``(points, 2)``, pixels; NaN for missing
+            points.
         """
-        places = np.asarray(points, dtype=np.float64)
+        positions = np.asarray(points, dtype=np.float64)
         width, height = self._size
         matrix = self._plotter.camera.GetCompositeProjectionTransformMatrix(width / height, -1, 1)
         rows = np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
-        clip = places @ rows[:, :3].T + rows[:, 3]
+        clip = positions @ rows[:, :3].T + rows[:, 3]
         across = clip[:, :2] / clip[:, 3:]
         return np.asarray((np.array([1.0, -1.0]) * across + 1.0) / 2 * (width, height))
 
@@ -202,7 +202,7 @@ class FaceScene:
     def __exit__(self, *exception: object) -> None:
         self.close()
 
-    def _checked(self, vertices: ArrayLike | None) -> FloatArray:
+    def _check_vertices(self, vertices: ArrayLike | None) -> FloatArray:
         if vertices is None:
             return self.mesh.vertices
         shape = np.asarray(vertices, dtype=np.float64)
@@ -219,8 +219,8 @@ class FaceScene:
             )
         return shape
 
-    def _read(self) -> NDArray[np.uint32]:
-        """The window as it is now, from its top: red, green, blue and alpha in one number."""
+    def _read_window(self) -> NDArray[np.uint32]:
+        """Return the window, from its top: red, green, blue and alpha in one number."""
         from vtkmodules.util import numpy_support
 
         to_numpy: Any = numpy_support.vtk_to_numpy
@@ -255,7 +255,7 @@ class _Surface:
         )
 
     def update(self, vertices: FloatArray, colours: NDArray[np.uint8]) -> None:
-        """Move the vertices and paint them, in place."""
+        """Move the vertices and colour them, in place."""
         self._surface.points[:] = vertices
         self._surface.point_data["colours"][:] = colours
         self._points.Modified()
@@ -270,34 +270,33 @@ class _Balls:
         self._surface: _Surface | None = None
         self._count = 0
 
-    def update(self, places: FloatArray) -> None:
-        """Put a ball at each place, `(markers, 3)`; one that is NaN is not seen."""
+    def update(self, positions: FloatArray) -> None:
+        """Put a ball at each position, ``(markers, 3)``; one that is NaN is not visible."""
         import pyvista
 
         ball: Any = pyvista.Sphere(radius=1.0, theta_resolution=14, phi_resolution=14)
         shape = np.asarray(ball.points, dtype=np.float64)
-        if len(places) != self._count:
-            self._count = len(places)
+        if len(positions) != self._count:
+            self._count = len(positions)
             if self._surface is not None:
                 self._plotter.remove_actor(self._surface.actor, render=False)
                 self._surface = None
-        if not len(places):
+        if not len(positions):
             return
         if self._surface is None:
             triangles = np.asarray(ball.regular_faces, dtype=np.int64)
-            steps = len(shape) * np.arange(len(places))[:, None, None]
+            steps = len(shape) * np.arange(len(positions))[:, None, None]
             every = (triangles + steps).reshape(-1, 3)
-            self._surface = _Surface(self._plotter, np.tile(shape, (len(places), 1)), every)
-        seen = np.asarray(np.isfinite(places).all(axis=1))
-        # A ball of no size is not drawn; it lies where the camera's range is not stretched by it.
-        centres = np.where(
-            seen[:, None], places, np.nan_to_num(places[seen].mean(axis=0)) if seen.any() else 0.0
-        )
-        radii = np.where(seen, self._radius, 0.0)
+            self._surface = _Surface(self._plotter, np.tile(shape, (len(positions), 1)), every)
+        visible: NDArray[np.bool_] = np.isfinite(positions).all(axis=1)
+        # A ball of no size is not drawn; it is put where it does not extend the camera's range.
+        middle = positions[visible].mean(axis=0) if visible.any() else 0.0
+        centres = np.where(visible[:, None], positions, middle)
+        radii = np.where(visible, self._radius, 0.0)
         vertices = centres[:, None] + radii[:, None, None] * shape
         light = 0.62 + 0.38 * (shape @ _MARKER_LIGHT)
         colours = np.rint(255 * np.clip(np.outer(light, _MARKER_COLOUR), 0, 1)).astype(np.uint8)
-        self._surface.update(vertices.reshape(-1, 3), np.tile(colours, (len(places), 1)))
+        self._surface.update(vertices.reshape(-1, 3), np.tile(colours, (len(positions), 1)))
 
 
 def render_face(
@@ -312,33 +311,46 @@ def render_face(
 ) -> Image:
     """Draw a face once; for many pictures of one face, use `FaceScene`.
 
-    Parameters are those of `FaceScene` and `FaceScene.image`, and so is the result.
+    Parameters
+    ----------
+    mesh
+        The face.
+    vertices
+        The shape, ``(vertices, 3)``, millimetres; the mesh at rest if None.
+    view
+        Position of the camera: ``front``, ``three-quarter`` or ``side`` (the speaker's left).
+    size
+        Width and height of the picture, pixels.
+    zoom
+        Magnification, no unit: 1 shows the entire mesh; above 1 is closer.
+    centre
+        The point that the camera looks at, ``(3,)``, millimetres; the middle of the mesh if None.
+    markers
+        Markers to draw as balls, ``(markers, 3)``, millimetres; one that is missing (NaN) is not
+        drawn.
+
+    Returns
+    -------
+    ndarray
+        Red, green and blue, ``(height, width, 3)``, 0 to 255.
+
+    Raises
+    ------
+    DataError
+        If the view is unknown, or size, zoom, vertices or markers are out of range.
+    MissingExtraError
+        If this machine has neither a display nor EGL.
     """
     with FaceScene(mesh, view=view, size=size, zoom=zoom, centre=centre) as scene:
-        return scene.image(vertices, markers=markers)
+        return scene.draw(vertices, markers=markers)
 
 
-def vertex_normals(vertices: FloatArray, triangles: IndexArray) -> FloatArray:
-    """Unit normals of vertices, `(vertices, 3)`: the area-weighted mean of the triangles around."""
-    corners = vertices[triangles]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.stack(
-        [
-            np.bincount(triangles.ravel(), np.repeat(across[:, axis], 3), len(vertices))
-            for axis in range(3)
-        ],
-        axis=1,
-    )
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.asarray(normals / np.where(length > 0, length, 1.0))
-
-
-def _check(view: str, size: tuple[int, int], zoom: float) -> None:
+def _check_view(view: str, size: tuple[int, int], zoom: float) -> None:
     if view not in _DIRECTIONS:
         raise DataError(f"there is no view '{view}'", expected=f"one of {', '.join(_DIRECTIONS)}")
     if len(size) != 2 or min(size) < 16 or max(size) > 8192:
         raise DataError(
-            "a picture of this size cannot be made",
+            "a picture of this size cannot be drawn",
             found=size,
             expected="width and height from 16 to 8192 pixels",
         )
@@ -346,59 +358,60 @@ def _check(view: str, size: tuple[int, int], zoom: float) -> None:
         raise DataError("the zoom must be above 0", found=zoom)
 
 
-def _checked_markers(markers: ArrayLike | None) -> FloatArray:
+def _check_markers(markers: ArrayLike | None) -> FloatArray:
     if markers is None:
         return np.zeros((0, 3))
-    places = np.asarray(markers, dtype=np.float64)
-    if places.ndim != 2 or places.shape[1] != 3:
+    positions = np.asarray(markers, dtype=np.float64)
+    if positions.ndim != 2 or positions.shape[1] != 3:
         raise DataError(
-            "markers to draw have the wrong shape", found=places.shape, expected="(markers, 3)"
+            "markers to draw have the wrong shape", found=positions.shape, expected="(markers, 3)"
         )
-    return places
+    return positions
 
 
-def _half_as_large(pixels: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """Each pixel the mean of four, all channels of a pixel at once."""
+def _reduce_by_half(pixels: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Return half the rows and columns: the mean of four pixels, all channels at once."""
     upper, lower = pixels[::2], pixels[1::2]
-    # The mean of two bytes is what they share and half of what they do not; once rounded down,
-    # once up.
+    # The mean of two bytes is the bits in both and half of those in one; once rounded down, once
+    # up.
     rows = (upper & lower) + (((upper ^ lower) & 0xFEFEFEFE) >> 1)
     left, right = rows[:, ::2], rows[:, 1::2]
     return np.asarray((left | right) - (((left ^ right) & 0xFEFEFEFE) >> 1))
 
 
-def _seen_from_outside(mesh: Mesh) -> IndexArray:
-    """The triangles, and those of open sheets once more with the other side in front.
+def _list_outside_triangles(mesh: Mesh) -> IndexArray:
+    """Return the triangles, and those of open sheets once more with the other side in front.
 
-    What turns away from the camera is not drawn, which saves a third of the time. That is right
-    for what is closed, or nearly, with its outside outside.
+    Triangles that face away from the camera are not drawn, which saves a third of the time. That
+    is right for closed surfaces, or nearly closed ones, whose normals point out.
     """
     triangles = [mesh.triangles]
     for part in mesh.parts:
-        own = mesh.triangles[part.triangles.start : part.triangles.stop]
-        if not _closed_and_outside_out(mesh.vertices, own):
-            triangles.append(own[:, ::-1])
+        part_triangles = mesh.triangles[part.triangles.start : part.triangles.stop]
+        if not _is_closed(mesh.vertices, part_triangles):
+            triangles.append(part_triangles[:, ::-1])
     return np.concatenate(triangles)
 
 
-def _closed_and_outside_out(vertices: FloatArray, triangles: IndexArray) -> bool:
+def _is_closed(vertices: FloatArray, triangles: IndexArray) -> bool:
+    """Return whether a surface is nearly closed and its normals point out."""
     first = triangles.ravel()
     second = np.roll(triangles, -1, axis=1).ravel()
-    there, back = first * len(vertices) + second, second * len(vertices) + first
+    edges, opposite = first * len(vertices) + second, second * len(vertices) + first
     a, b, c = (vertices[triangles[:, corner]] - vertices[first].mean(axis=0) for corner in range(3))
     volume = float(np.einsum("ij,ij->", np.cross(a, b), c))
-    return bool(np.isin(there, back).mean() > 0.97 and volume > 0)
+    return bool(np.isin(edges, opposite).mean() > 0.97 and volume > 0)
 
 
 def _place_camera(
     plotter: Any, mesh: Mesh, view: str, zoom: float, centre: ArrayLike | None
 ) -> None:
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    looked_at = 0.5 * (low + high) if centre is None else np.asarray(centre, dtype=np.float64)
+    target = 0.5 * (low + high) if centre is None else np.asarray(centre, dtype=np.float64)
     direction = np.array(_DIRECTIONS[view])
     distance = 0.56 * (high[1] - low[1]) / np.tan(np.radians(_VIEW_ANGLE) / 2) / zoom
     camera = plotter.camera
-    camera.focal_point = looked_at
-    camera.position = looked_at + direction / np.linalg.norm(direction) * distance
+    camera.focal_point = target
+    camera.position = target + direction / np.linalg.norm(direction) * distance
     camera.up = (0.0, 1.0, 0.0)
     camera.view_angle = _VIEW_ANGLE

@@ -1,8 +1,8 @@
 """A face's movement as shapes that are blended, for programs that know no rigs.
 
-A rig turns and scales; blending only adds. So every parameter gives the shape of its full gesture,
-and where that is not enough, correcting shapes are added, as animators do it: one for the middle
-of a gesture's way, one for two gestures at once.
+A rig rotates and scales; blending only adds. So every parameter gives the shape of its full
+gesture, and where that is not enough, corrective shapes are added, as animators do it: one for the
+middle of a gesture, one for two gestures at once.
 """
 
 from __future__ import annotations
@@ -12,30 +12,32 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_fit.face.rig import Rig
-from mocap_fit.render.talking import parameters_at
+from mocap_fit.render.sampling import sample_frames
 from mocap_fit.tracks import FloatArray, ParameterTracks
 
-# A correction that moves no vertex by so much (mm) over the whole movement is left out.
-_NOTICED = 0.02
+# Millimetres: a correction that moves no vertex by so much over the movement is left out.
+_NOTICEABLE = 0.02
+# Frames at which the error is measured, at most.
+_CHECKED = 60
 
 
 @dataclass(frozen=True, eq=False)
-class BlendedShapes:
-    """Shapes, and how much of each is blended in over time.
+class BlendShapes:
+    """Shapes, and the weight of each over time.
 
     Parameters
     ----------
     names
-        Of the shapes: a parameter's own, ``NAME_corrected``, or ``NAME_with_NAME``.
+        Names of the shapes: that of a parameter, ``NAME_corrected``, or ``NAME_with_NAME``.
     shapes
-        `(shapes, vertices, 3)`, mm: what each adds to the face at rest.
+        Displacements that each adds to the face at rest, ``(shapes, vertices, 3)``, millimetres.
     times
-        `(frames,)`, seconds.
+        Times of the frames, ``(frames,)``, seconds.
     weights
-        `(frames, shapes)`.
+        Weights, ``(frames, shapes)``, no unit.
     largest_error
-        mm: how far the blended face is from the rig's, at the worst vertex of the worst frame
-        that was looked at.
+        Distance of the blended face from the rig's, at the worst vertex of the worst frame of
+        those that were checked, millimetres.
     """
 
     names: tuple[str, ...]
@@ -45,8 +47,10 @@ class BlendedShapes:
     largest_error: float
 
 
-def blended_shapes(tracks: ParameterTracks, rig: Rig, rate: float | None = None) -> BlendedShapes:
-    """Write a movement as shapes and weights.
+def compute_blend_shapes(
+    tracks: ParameterTracks, rig: Rig, rate: float | None = None
+) -> BlendShapes:
+    """Compute shapes and weights that come near to a movement.
 
     Parameters
     ----------
@@ -55,17 +59,19 @@ def blended_shapes(tracks: ParameterTracks, rig: Rig, rate: float | None = None)
     rig
         The face that they move.
     rate
-        Frames per second; the tracks' own where not given.
+        Frame rate, hertz; that of the tracks if None.
+
+    Returns
+    -------
+    BlendShapes
+        A shape for every parameter, and corrective shapes.
 
     Raises
     ------
     DataError
-        If the tracks do not belong to the face, or have no frames.
+        If the tracks have a parameter that the face lacks, or no frame.
     """
-    rate = tracks.rate if rate is None else rate
-    frames = max(1, int(np.floor((tracks.frames - 1) * rate / tracks.rate + 1e-6)) + 1)
-    times: FloatArray = tracks.start_time + np.arange(frames, dtype=np.float64) / rate
-    values = parameters_at(tracks, times, rig)
+    times, values = sample_frames(tracks, rig, rate)
     rest = rig.deform(np.zeros(len(rig.parameter_names)))
     axes = np.eye(len(rig.parameter_names))
     moving = [i for i in range(len(axes)) if np.abs(values[:, i]).max() > 1e-9]
@@ -74,8 +80,8 @@ def blended_shapes(tracks: ParameterTracks, rig: Rig, rate: float | None = None)
     shapes = [full[i] for i in range(len(axes))]
     weights = [values[:, i] for i in range(len(axes))]
 
-    def correct(name: str, shape: FloatArray, weight: FloatArray) -> None:
-        if np.abs(shape).max() * np.abs(weight).max() >= _NOTICED:
+    def add_correction(name: str, shape: FloatArray, weight: FloatArray) -> None:
+        if np.abs(shape).max() * np.abs(weight).max() >= _NOTICEABLE:
             names.append(name)
             shapes.append(shape)
             weights.append(weight)
@@ -83,17 +89,17 @@ def blended_shapes(tracks: ParameterTracks, rig: Rig, rate: float | None = None)
     for i in moving:
         # The weight is 0 at rest and at the full gesture, 1 half-way.
         half = rig.deform(0.5 * axes[i]) - rest - 0.5 * full[i]
-        own = rig.parameter_names[i]
-        correct(f"{own}_corrected", half, 4.0 * values[:, i] * (1.0 - values[:, i]))
-    for place, i in enumerate(moving):
-        for j in moving[place + 1 :]:
+        name = f"{rig.parameter_names[i]}_corrected"
+        add_correction(name, half, 4.0 * values[:, i] * (1.0 - values[:, i]))
+    for index, i in enumerate(moving):
+        for j in moving[index + 1 :]:
             both = rig.deform(axes[i] + axes[j]) - rest - full[i] - full[j]
             name = f"{rig.parameter_names[i]}_with_{rig.parameter_names[j]}"
-            correct(name, both, values[:, i] * values[:, j])
+            add_correction(name, both, values[:, i] * values[:, j])
     blended, blend = np.array(shapes), np.stack(weights, axis=1)
-    looked_at = np.unique(np.linspace(0, frames - 1, min(frames, 60)).round().astype(int))
+    checked = np.linspace(0, len(times) - 1, min(len(times), _CHECKED)).round().astype(int)
     error = max(
         float(np.abs(rest + np.tensordot(blend[f], blended, 1) - rig.deform(values[f])).max())
-        for f in looked_at
+        for f in np.unique(checked)
     )
-    return BlendedShapes(tuple(names), blended, times, blend, error)
+    return BlendShapes(tuple(names), blended, times, blend, error)

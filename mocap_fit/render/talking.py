@@ -1,48 +1,47 @@
-"""The talking heads of a movie, frame by frame, in this process or over several."""
+"""Draw the talking heads of a movie, frame by frame, in this process or in several."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mocap_fit.errors import DataError
 from mocap_fit.face.rig import Rig
 from mocap_fit.processes import DeadProcess, run_in_processes
 from mocap_fit.render.liveliness import Liveliness, LivelyFace
+from mocap_fit.render.pictures import Image
 from mocap_fit.render.scene import FaceScene, View
-from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks
+from mocap_fit.tracks import FloatArray
 
-Image = NDArray[np.uint8]
-
-# Frames that a process draws before it hands them over.
+# Frames that a process draws before it returns them.
 _BATCH = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Talk:
-    """Everything that the heads of a movie do, and from where they are seen.
+    """The movement of all heads of a movie, and the views in which they are drawn.
 
     Parameters
     ----------
     rig
         The face that all heads have.
     parameters
-        A head each: `(frames, parameters)`, in the order of the rig.
+        Face parameters of each head in the order of the rig, ``(frames, parameters)``, 1 is the
+        full gesture.
     views
-        Every head is drawn once from each.
+        Every head is drawn once in each view.
     size
         Width and height of one picture of a head, pixels.
     zoom
-        See `FaceScene`.
+        Magnification, no unit: 1 shows the entire mesh; above 1 is closer.
     life
-        Blinks and head motion, of all heads alike.
+        Blinks and head motion, which all heads share.
     markers
-        `(frames, markers, 3)`, mm, in the head frame; none are drawn where there are none.
+        Markers in the head frame, drawn over every head, ``(frames, markers, 3)``, millimetres.
     """
 
     rig: Rig
@@ -55,12 +54,12 @@ class Talk:
 
     @property
     def frames(self) -> int:
-        """How many frames there are."""
+        """Number of frames."""
         return len(self.parameters[0])
 
 
 class _Heads:
-    """Scenes for all that a talk shows; all heads of one view share one."""
+    """The scenes of a talk: one for each view, which all heads share."""
 
     def __init__(self, talk: Talk) -> None:
         self._talk = talk
@@ -69,40 +68,43 @@ class _Heads:
         self._stack = ExitStack()
         self._scenes = [
             self._stack.enter_context(
-                FaceScene(mesh, view=view, size=talk.size, zoom=talk.zoom, centre=_middle(talk.rig))
+                FaceScene(
+                    mesh, view=view, size=talk.size, zoom=talk.zoom, centre=_find_middle(talk.rig)
+                )
             )
             for view in talk.views
         ]
 
-    def frame(self, number: int) -> list[list[Image]]:
-        """The pictures of a frame: a row a view, in it one a head."""
+    def draw(self, number: int) -> list[list[Image]]:
+        """Return the pictures of a frame: a row for each view, with one for each head."""
         talk, life = self._talk, self._talk.life
         turn, shift = life.turns[number], life.shifts[number]
-        markers = self._lively.carried(talk.markers[number], turn, shift)
+        markers = self._lively.carry(talk.markers[number], turn, shift)
         shapes = []
         for values in talk.parameters:
             vertices = talk.rig.deform(values[number])
-            shapes.append(self._lively.moved(vertices, float(life.blinks[number]), turn, shift))
-        return [[scene.image(shape, markers=markers) for shape in shapes] for scene in self._scenes]
+            shapes.append(self._lively.move(vertices, float(life.blinks[number]), turn, shift))
+        return [[scene.draw(shape, markers=markers) for shape in shapes] for scene in self._scenes]
 
     def close(self) -> None:
         self._stack.close()
 
 
-def drawn(talk: Talk, jobs: int = 1) -> Iterator[list[list[Image]]]:
+def draw_frames(talk: Talk, jobs: int = 1) -> Iterator[list[list[Image]]]:
     """Draw all frames, in order.
 
     Parameters
     ----------
     talk
-        What is drawn.
+        The heads and their movement.
     jobs
-        How many processes draw; 1 draws here. The pictures are the same.
+        Number of processes that draw; 1 draws in this one. The pictures are the same.
 
     Yields
     ------
     list
-        A row a view, in it one picture a head.
+        Pictures of a frame, ``(height, width, 3)`` each: a row for each view, with one picture
+        for each head.
 
     Raises
     ------
@@ -112,7 +114,7 @@ def drawn(talk: Talk, jobs: int = 1) -> Iterator[list[list[Image]]]:
     if jobs <= 1 or talk.frames <= _BATCH:
         with closing(_Heads(talk)) as heads:
             for number in range(talk.frames):
-                yield heads.frame(number)
+                yield heads.draw(number)
         return
     batches = [
         range(talk.frames)[first : first + _BATCH] for first in range(0, talk.frames, _BATCH)
@@ -120,7 +122,7 @@ def drawn(talk: Talk, jobs: int = 1) -> Iterator[list[list[Image]]]:
     results = run_in_processes(
         _draw, talk, batches, jobs, lambda *how_far: None, copies=False, in_order=True
     )
-    # Those that come before one whose process died.
+    # Batches that are ready before their turn.
     early: dict[int, list[list[list[Image]]]] = {}
     following = 0
     with closing(results):
@@ -137,66 +139,21 @@ def drawn(talk: Talk, jobs: int = 1) -> Iterator[list[list[Image]]]:
 
 
 # A process draws one talk, batch after batch, and its scenes end with it.
-_heads_of = cache(_Heads)
+_open_heads = cache(_Heads)
 
 
-def _draw(talk: Talk, batch: range, told: Callable[[int, int], object]) -> list[list[list[Image]]]:
-    heads = _heads_of(talk)
-    return [heads.frame(number) for number in batch]
+def _draw(
+    talk: Talk, batch: range, progress: Callable[[int, int], object]
+) -> list[list[list[Image]]]:
+    heads = _open_heads(talk)
+    return [heads.draw(number) for number in batch]
 
 
-def parameters_at(tracks: ParameterTracks, times: FloatArray, rig: Rig) -> FloatArray:
-    """Parameters of a rig at any times, from tracks of some of them.
-
-    Values between frames lie on monotone cubics, which reach the extremes of a closure and never
-    go beyond them. Before and after the tracks the face stays as it is at their ends; missing
-    values are bridged, and parameters that are not in the tracks are at rest. What leaves the
-    bounds of the rig is drawn at the bound.
-
-    Returns
-    -------
-    FloatArray
-        `(times, parameters)`, in the order of the rig.
-
-    Raises
-    ------
-    DataError
-        If the tracks have a parameter that the face lacks, or no frame.
-    """
-    names = rig.parameter_names
-    unknown = [name for name in tracks.names if name not in names]
-    if unknown:
-        raise DataError(
-            f"the face has no parameter {', '.join(unknown)}",
-            expected=f"some of {', '.join(names)}",
-            advice="Give the face that the tracks were made with.",
-        )
-    values = np.zeros((len(times), len(names)))
-    values[:, [names.index(name) for name in tracks.names]] = np.nan_to_num(tracks.at(times))
-    low, high = rig.bounds.T
-    return np.asarray(np.clip(values, low, high))
-
-
-def markers_at(markers: MarkerTracks | None, times: FloatArray) -> FloatArray:
-    """Places of markers at any times, `(times, markers, 3)`; missing where a frame beside is."""
-    if markers is None:
-        return np.zeros((len(times), 0, 3))
-    return markers.at(times)
-
-
-def _middle(rig: Rig) -> FloatArray:
-    """What the camera looks at: between the eyes and the chin, where a face has them."""
+def _find_middle(rig: Rig) -> FloatArray:
+    """Return what the camera looks at: between eyes and chin, where a face has them."""
     mesh = rig.mesh
     middle = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
     nose = mesh.feature_points.get("9.3")
     if nose is not None:
         middle[1] = 0.5 * (middle[1] + mesh.vertices[nose, 1])
     return np.asarray(middle)
-
-
-def checked_views(views: View | Sequence[View]) -> tuple[View, ...]:
-    """One view or several, as a tuple."""
-    chosen: tuple[View, ...] = (views,) if isinstance(views, str) else tuple(views)
-    if not chosen:
-        raise DataError("a movie needs a view")
-    return chosen

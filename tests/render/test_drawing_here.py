@@ -18,10 +18,10 @@ def test_points_are_projected_to_where_they_are_drawn(view):
     head = load_built_in_head()
     centre = head.vertices[head.get_feature_point("9.3")] * (0, 1, 0)
     with FaceScene(head, view=view, size=SIZE, zoom=0.9, centre=centre) as scene:
-        plain = scene.image()
+        plain = scene.draw()
         tip = head.vertices[head.get_feature_point("9.3")] + np.array([0, 0, 2])
         place = scene.project(tip[None])[0]
-        changed = np.argwhere((scene.image(markers=tip[None]) != plain).any(axis=2))
+        changed = np.argwhere((scene.draw(markers=tip[None]) != plain).any(axis=2))
         # Rows are down and columns across; a pixel's centre is half a pixel from its corner.
         drawn = changed.mean(axis=0)[::-1] + 0.5
         assert np.abs(drawn - place).max() < 1.0

@@ -8,9 +8,9 @@ import pytest
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, MissingExtraError
 from mocap_fit.face import load_face
 from mocap_fit.face.fap import FAPS
-from mocap_fit.render.fap import facial_animation_parameters, write_fap
+from mocap_fit.render.fap import measure_faps, write_fap
 from mocap_fit.render.gltf import write_gltf
-from mocap_fit.render.shapes import blended_shapes
+from mocap_fit.render.shapes import compute_blend_shapes
 from mocap_fit.tracks import ParameterTracks
 
 
@@ -29,8 +29,8 @@ def tracks(rig) -> ParameterTracks:
     return ParameterTracks(rig.parameter_names, 25, values, name="a talk")
 
 
-def test_blended_shapes_come_near_the_rig(rig, tracks):
-    blended = blended_shapes(tracks, rig)
+def test_compute_blend_shapes_come_near_the_rig(rig, tracks):
+    blended = compute_blend_shapes(tracks, rig)
     assert blended.largest_error < 0.15
     assert blended.names[:10] == rig.parameter_names
     rest = rig.deform(np.zeros(10))
@@ -44,7 +44,7 @@ def test_blended_shapes_come_near_the_rig(rig, tracks):
 
 
 def test_the_rate_can_be_chosen(rig, tracks):
-    blended = blended_shapes(tracks, rig, 50)
+    blended = compute_blend_shapes(tracks, rig, 50)
     np.testing.assert_allclose(np.diff(blended.times), 0.02)
     assert len(blended.times) == 59
     np.testing.assert_allclose(blended.weights[::2, :10], tracks.values, atol=1e-12)
@@ -137,7 +137,7 @@ class TestFap:
 
         def moved(**values: float) -> dict[str, int]:
             row = np.array([[values.get(name, 0.0) for name in names]])
-            faps, numbers = facial_animation_parameters(ParameterTracks(names, 25, row), rig)
+            faps, numbers = measure_faps(ParameterTracks(names, 25, row), rig)
             return {f.name: int(n) for f, n in zip(faps, numbers[0], strict=True)}
 
         opened = moved(jaw_rotation=1.0)
@@ -161,9 +161,7 @@ class TestFap:
         row[0, rig.parameter_names.index("left_corner_stretch")] = 0.8
         left = mesh.get_feature_point("8.3")
         out = rig.deform(row[0])[left, 0] - mesh.vertices[left, 0]
-        faps, values = facial_animation_parameters(
-            ParameterTracks(rig.parameter_names, 25, row), rig
-        )
+        faps, values = measure_faps(ParameterTracks(rig.parameter_names, 25, row), rig)
         column = [fap.name for fap in faps].index("stretch_l_cornerlip_o")
         assert values[0, column] == round(1024 * out / width)
 
@@ -187,8 +185,8 @@ class TestFap:
         bare = load_face(mesh=rig.mesh)
         bare.mesh = dataclasses.replace(rig.mesh, feature_points=points)
         with pytest.raises(ConfigurationError, match=r"no 9\.15"):
-            facial_animation_parameters(tracks, bare)
+            measure_faps(tracks, bare)
 
     def test_tracks_of_another_face_are_refused(self, rig):
         with pytest.raises(DataError, match="no parameter nose"):
-            facial_animation_parameters(ParameterTracks(("nose",), 25, np.zeros((3, 1))), rig)
+            measure_faps(ParameterTracks(("nose",), 25, np.zeros((3, 1))), rig)

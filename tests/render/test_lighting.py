@@ -7,7 +7,7 @@ from mocap_fit.face import load_face
 from mocap_fit.face.mesh import Material, Mesh, Part
 from mocap_fit.face.rig import to_parameters
 from mocap_fit.render.lighting import Lighting
-from mocap_fit.render.scene import _closed_and_outside_out, _half_as_large, _seen_from_outside
+from mocap_fit.render.scene import _is_closed, _list_outside_triangles, _reduce_by_half
 
 CAMERA = np.array([0.0, 0.0, 900.0])
 
@@ -33,7 +33,7 @@ def ball(specular: float = 0.0) -> Mesh:
 
 def test_a_ball_is_bright_above_and_towards_the_key_light():
     mesh = ball()
-    brightness = Lighting(mesh).colours(mesh.vertices, CAMERA).astype(float).mean(axis=1)
+    brightness = Lighting(mesh).compute_colours(mesh.vertices, CAMERA).astype(float).mean(axis=1)
 
     def towards(*direction: float) -> float:
         return float(brightness[(mesh.vertices @ np.array(direction)).argmax()])
@@ -44,21 +44,21 @@ def test_a_ball_is_bright_above_and_towards_the_key_light():
 
 
 def test_the_same_shape_has_the_same_light_wherever_it_is(rig, lighting):
-    here = lighting.colours(rig.mesh.vertices, CAMERA)
+    here = lighting.compute_colours(rig.mesh.vertices, CAMERA)
     away = np.array([30.0, -20.0, 10.0])
-    moved = lighting.colours(rig.mesh.vertices + away, CAMERA + away)
+    moved = lighting.compute_colours(rig.mesh.vertices + away, CAMERA + away)
     assert np.abs(here.astype(int) - moved).max() <= 1
 
 
 def test_highlights_move_with_the_camera_and_the_rest_does_not():
     mesh, shiny = ball(), Lighting(ball(specular=0.8))
     aside = np.array([700.0, 0.0, 500.0])
-    front, side = (shiny.colours(mesh.vertices, c).astype(int) for c in (CAMERA, aside))
+    front, side = (shiny.compute_colours(mesh.vertices, c).astype(int) for c in (CAMERA, aside))
     assert np.abs(front - side).max() > 40
     dull = Lighting(mesh)
-    plain = dull.colours(mesh.vertices, CAMERA).astype(int)
+    plain = dull.compute_colours(mesh.vertices, CAMERA).astype(int)
     assert (front >= plain).all()
-    np.testing.assert_array_equal(plain, dull.colours(mesh.vertices, aside))
+    np.testing.assert_array_equal(plain, dull.compute_colours(mesh.vertices, aside))
 
 
 def test_light_comes_into_the_mouth_as_it_opens(rig, lighting):
@@ -66,7 +66,7 @@ def test_light_comes_into_the_mouth_as_it_opens(rig, lighting):
     seen = {}
     for opening in (0.0, 0.2, 0.9):
         vertices = rig.deform(to_parameters({"jaw_rotation": opening}, names))
-        colours = lighting.colours(vertices, CAMERA).astype(float).mean(axis=1)
+        colours = lighting.compute_colours(vertices, CAMERA).astype(float).mean(axis=1)
         seen[opening] = [
             colours[rig.mesh.get_region(part)].mean()
             for part in ("tongue", "mouth_roof", "teeth_upper")
@@ -78,32 +78,30 @@ def test_light_comes_into_the_mouth_as_it_opens(rig, lighting):
 
 def test_a_mesh_without_names_is_lit_all_the_same():
     corners = np.array([[-50.0, -50, 0], [50, -50, 0], [0, 60, 0]])
-    colours = Lighting(Mesh(corners, np.array([[0, 1, 2]]))).colours(corners, CAMERA)
+    colours = Lighting(Mesh(corners, np.array([[0, 1, 2]]))).compute_colours(corners, CAMERA)
     assert colours.min() > 60
 
 
 def test_only_what_is_closed_with_its_outside_out_loses_its_back(rig):
     mesh = ball()
-    assert _closed_and_outside_out(mesh.vertices, mesh.triangles)
-    assert not _closed_and_outside_out(mesh.vertices, mesh.triangles[:, ::-1])
+    assert _is_closed(mesh.vertices, mesh.triangles)
+    assert not _is_closed(mesh.vertices, mesh.triangles[:, ::-1])
     half = mesh.triangles[: len(mesh.triangles) // 2]
-    assert not _closed_and_outside_out(mesh.vertices, half[:, ::-1])
-    assert len(_seen_from_outside(mesh)) == len(mesh.triangles)
+    assert not _is_closed(mesh.vertices, half[:, ::-1])
+    assert len(_list_outside_triangles(mesh)) == len(mesh.triangles)
     skin = rig.mesh.get_part("skin").triangles
-    assert _closed_and_outside_out(rig.mesh.vertices, rig.mesh.triangles[skin.start : skin.stop])
+    assert _is_closed(rig.mesh.vertices, rig.mesh.triangles[skin.start : skin.stop])
     lashes = rig.mesh.get_part("lashes_left").triangles
-    assert not _closed_and_outside_out(
-        rig.mesh.vertices, rig.mesh.triangles[lashes.start : lashes.stop]
-    )
+    assert not _is_closed(rig.mesh.vertices, rig.mesh.triangles[lashes.start : lashes.stop])
 
 
-def test_half_as_large_is_the_mean_of_four(rng):
+def test_reduce_by_half_is_the_mean_of_four(rng):
     pixels = rng.integers(0, 256, (20, 30, 4), dtype=np.uint8)
     packed = np.ascontiguousarray(pixels).view(np.uint32).reshape(20, 30)
-    smaller = np.ascontiguousarray(_half_as_large(packed)).view(np.uint8).reshape(10, 15, 4)
+    smaller = np.ascontiguousarray(_reduce_by_half(packed)).view(np.uint8).reshape(10, 15, 4)
     mean = pixels.reshape(10, 2, 15, 2, 4).mean(axis=(1, 3))
     assert np.abs(smaller - mean).max() <= 1.0
     assert abs((smaller - mean).mean()) < 0.1
     np.testing.assert_array_equal(
-        _half_as_large(np.full((4, 4), 0xFF804020, np.uint32)), 0xFF804020
+        _reduce_by_half(np.full((4, 4), 0xFF804020, np.uint32)), 0xFF804020
     )

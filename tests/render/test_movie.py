@@ -11,9 +11,9 @@ from mocap_fit.face import load_face
 from mocap_fit.face.mesh import Mesh
 from mocap_fit.phones import PhoneSegment, PhoneSequence
 from mocap_fit.render import render_movie
-from mocap_fit.render.liveliness import LivelyFace, liveliness
-from mocap_fit.render.running_strip import RunningStrip, curves_of, lettering, moving_most
-from mocap_fit.render.talking import markers_at, parameters_at
+from mocap_fit.render.liveliness import LivelyFace, draw_liveliness
+from mocap_fit.render.running_strip import RunningStrip, draw_text, select_moving, to_curves
+from mocap_fit.render.sampling import sample_parameters
 from mocap_fit.sound import Sound
 from mocap_fit.tracks import MarkerTracks, ParameterTracks
 
@@ -41,7 +41,7 @@ def test_each_picture_in_which_the_mouth_moves_differs_from_the_one_before(rig, 
     values[-4:] = values[-5]
     render_movie(jaw(values), tmp_path / "a", face=rig, size=SIZE)
     shown = pictures(tmp_path / "a")
-    shown_values = parameters_at(jaw(values), (np.arange(14) + 0.5) / 25, rig)[:, 0]
+    shown_values = sample_parameters(jaw(values), (np.arange(14) + 0.5) / 25, rig)[:, 0]
     for before in range(13):
         moved = abs(shown_values[before + 1] - shown_values[before]) > 1e-4
         assert (shown[before + 1] != shown[before]).any() == moved, before
@@ -99,7 +99,7 @@ def test_a_picture_shows_the_middle_of_its_time(rig, tmp_path):
     values = np.array([0.0, 0.7, 0.0, 0.4])
     times = (np.arange(4) + 0.5) / 25
     np.testing.assert_allclose(
-        parameters_at(jaw(values, start_time=0.02), times, rig)[:, 0], values, atol=1e-12
+        sample_parameters(jaw(values, start_time=0.02), times, rig)[:, 0], values, atol=1e-12
     )
 
 
@@ -188,13 +188,13 @@ def test_markers_between_frames_are_between_and_gaps_stay_gaps():
     positions = np.zeros((4, 1, 3))
     positions[:, 0, 0] = [0, 2, np.nan, 6]
     markers = MarkerTracks(("a",), 10.0, positions, start_time=1.0)
-    found = markers_at(markers, np.array([0.5, 1.0, 1.05, 1.12, 1.2, 1.3, 1.5]))[:, 0, 0]
+    found = markers.at(np.array([0.5, 1.0, 1.05, 1.12, 1.2, 1.3, 1.5]))[:, 0, 0]
     np.testing.assert_allclose(found, [np.nan, 0, 1, np.nan, np.nan, 6, np.nan])
 
 
 def test_parameters_are_held_at_the_ends_bridged_bounded_and_at_rest_where_there_are_none(rig):
     tracks = jaw([0.2, np.nan, 0.4, 9.0], rate=10.0)
-    found = parameters_at(tracks, np.array([-1.0, 0.0, 0.1, 0.2, 5.0]), rig)
+    found = sample_parameters(tracks, np.array([-1.0, 0.0, 0.1, 0.2, 5.0]), rig)
     np.testing.assert_allclose(found[[0, 1, 3], 0], [0.2, 0.2, 0.4])
     assert 0.2 < found[2, 0] < 0.4
     assert found[4, 0] == rig.bounds[0, 1]
@@ -203,7 +203,7 @@ def test_parameters_are_held_at_the_ends_bridged_bounded_and_at_rest_where_there
 
 def test_between_frames_a_closure_is_never_overshot(rig):
     tracks = jaw([0.5, 0.0, 0.0, 0.6], rate=10.0)
-    found = parameters_at(tracks, np.linspace(0, 0.3, 100), rig)[:, 0]
+    found = sample_parameters(tracks, np.linspace(0, 0.3, 100), rig)[:, 0]
     assert found.min() >= 0.0
     assert found.max() <= 0.6
 
@@ -212,20 +212,20 @@ class TestLiveliness:
     TIMES = np.arange(600) / 30
 
     def test_it_is_drawn_from_the_seed(self):
-        one, same, other = (liveliness(self.TIMES, seed=seed) for seed in (3, 3, 4))
+        one, same, other = (draw_liveliness(self.TIMES, seed=seed) for seed in (3, 3, 4))
         np.testing.assert_array_equal(one.blinks, same.blinks)
         np.testing.assert_array_equal(one.turns, same.turns)
         assert (one.blinks != other.blinks).any()
 
     def test_each_can_be_had_alone(self):
-        still = liveliness(self.TIMES, head_motion=False, seed=3)
+        still = draw_liveliness(self.TIMES, head_motion=False, seed=3)
         assert not still.turns.any()
         assert not still.shifts.any()
-        np.testing.assert_array_equal(still.blinks, liveliness(self.TIMES, seed=3).blinks)
-        assert not liveliness(self.TIMES, blinks=False).blinks.any()
+        np.testing.assert_array_equal(still.blinks, draw_liveliness(self.TIMES, seed=3).blinks)
+        assert not draw_liveliness(self.TIMES, blinks=False).blinks.any()
 
     def test_people_blink_now_and_then_and_move_little(self):
-        life = liveliness(self.TIMES, seed=0)
+        life = draw_liveliness(self.TIMES, seed=0)
         closed = (life.blinks > 0.9).astype(int)
         assert 2 <= (np.diff(closed) == 1).sum() <= 15
         assert life.blinks.mean() < 0.15
@@ -235,7 +235,7 @@ class TestLiveliness:
     def test_lids_meet_and_nothing_else_moves(self, rig):
         mesh = rig.mesh
         lively = LivelyFace(mesh)
-        closed = lively.moved(mesh.vertices, 1.0, np.zeros(3), np.zeros(3))
+        closed = lively.move(mesh.vertices, 1.0, np.zeros(3), np.zeros(3))
         for upper, lower in (("3.1", "3.3"), ("3.2", "3.4")):
             gap = (
                 closed[mesh.get_feature_point(upper), 1] - closed[mesh.get_feature_point(lower), 1]
@@ -251,12 +251,12 @@ class TestLiveliness:
         moved = np.flatnonzero((closed != mesh.vertices).any(axis=1))
         assert np.isin(moved, allowed).all()
         np.testing.assert_array_equal(
-            lively.moved(mesh.vertices, 0.0, np.zeros(3), np.zeros(3)), mesh.vertices
+            lively.move(mesh.vertices, 0.0, np.zeros(3), np.zeros(3)), mesh.vertices
         )
 
     def test_the_neck_stays_on_its_shoulders(self, rig):
         vertices = rig.mesh.vertices
-        moved = LivelyFace(rig.mesh).carried(vertices, np.array([0.0, 0.1, 0.0]), np.ones(3))
+        moved = LivelyFace(rig.mesh).carry(vertices, np.array([0.0, 0.1, 0.0]), np.ones(3))
         lowest = vertices[:, 1] < vertices[:, 1].min() + 0.5
         assert np.abs(moved - vertices)[lowest].max() < 0.2
         head = vertices[:, 1] > 0
@@ -282,7 +282,7 @@ class TestStrip:
         phones = PhoneSequence(
             tuple(PhoneSegment(float(i), float(i + 1), "æɪ"[i % 2]) for i in range(int(end)))
         )
-        return RunningStrip(240, curves_of(tracks, ["jaw_rotation"]), phones, 0.0, end)
+        return RunningStrip(240, to_curves(tracks, ["jaw_rotation"]), phones, 0.0, end)
 
     def test_it_runs_evenly_also_over_the_seams_of_its_pieces(self):
         strip = self.strip()
@@ -300,20 +300,20 @@ class TestStrip:
     def test_what_moves_most_is_found(self):
         names = ("a", "b", "c")
         values = np.outer(np.sin(np.arange(50)), [0.1, 1.0, 0.0])
-        assert moving_most([ParameterTracks(names, 25, values)], 2) == ("a", "b")
-        assert moving_most([ParameterTracks(names, 25, values)], 1) == ("b",)
+        assert select_moving([ParameterTracks(names, 25, values)], 2) == ("a", "b")
+        assert select_moving([ParameterTracks(names, 25, values)], 1) == ("b",)
 
     def test_unknown_parameters_and_too_many_are_refused(self):
         tracks = {"a": jaw(np.zeros(3))}
         with pytest.raises(DataError, match="no parameter 'nose'"):
-            curves_of(tracks, ["nose"])
+            to_curves(tracks, ["nose"])
         with pytest.raises(DataError, match="too many"):
-            curves_of(tracks, ["jaw_rotation"] * 7)
+            to_curves(tracks, ["jaw_rotation"] * 7)
 
     def test_letters_of_the_ipa_are_there(self):
-        boxes = {lettering(symbol).tobytes() for symbol in "ɑɧʂɵr̝"}
+        boxes = {draw_text(symbol).tobytes() for symbol in "ɑɧʂɵr̝"}
         assert len(boxes) > 4
-        assert lettering("").shape[1] == 1
+        assert draw_text("").shape[1] == 1
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, MissingExtraError
-from mocap_fit.render.movie_file import MovieFile, ffmpeg_program, movie_kind, sound_between
+from mocap_fit.render.movie_file import MovieFile, cut_sound, find_ffmpeg, get_movie_kind
 from mocap_fit.sound import Sound
 
 SIZE = (64, 48)
@@ -23,21 +23,21 @@ def decoded_pictures(path) -> np.ndarray:
 
 def decoded_pictures_of(path, size) -> np.ndarray:
     """`(frames, height, width)`, how bright."""
-    command = [ffmpeg_program(), "-v", "error", "-i", str(path), "-map", "0:v"]
+    command = [find_ffmpeg(), "-v", "error", "-i", str(path), "-map", "0:v"]
     command += ["-f", "rawvideo", "-pix_fmt", "gray", "-fps_mode", "passthrough", "-"]
     raw = subprocess.run(command, capture_output=True, check=True).stdout
     return np.frombuffer(raw, dtype=np.uint8).reshape(-1, size[1], size[0])
 
 
 def decoded_sound(path, rate: int = 48000) -> np.ndarray:
-    command = [ffmpeg_program(), "-v", "error", "-i", str(path), "-map", "0:a"]
+    command = [find_ffmpeg(), "-v", "error", "-i", str(path), "-map", "0:a"]
     command += ["-f", "f32le", "-ac", "1", "-ar", str(rate), "-"]
     raw = subprocess.run(command, capture_output=True, check=True).stdout
     return np.frombuffer(raw, dtype=np.float32)
 
 
 def streams(path) -> str:
-    command = [ffmpeg_program(), "-hide_banner", "-i", str(path)]
+    command = [find_ffmpeg(), "-hide_banner", "-i", str(path)]
     return subprocess.run(command, capture_output=True, text=True).stderr
 
 
@@ -159,7 +159,7 @@ def test_a_movie_needs_a_picture(tmp_path):
 
 def test_impossible_movies_are_refused(tmp_path):
     with pytest.raises(ConfigurationError, match=r"\.avi"):
-        movie_kind("a.avi")
+        get_movie_kind("a.avi")
     with pytest.raises(DataError, match="even"):
         MovieFile(tmp_path / "a.mp4", 25, (63, 48))
     for rate in (0.0, -1.0, float("nan"), 1000.0):
@@ -192,8 +192,8 @@ def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
 
 def test_a_stretch_of_sound_is_filled_with_silence():
     sound = Sound(np.arange(1, 11) / 10, 10)
-    np.testing.assert_allclose(sound_between(sound, -0.2, 0.3).samples[:, 0], [0, 0, 0.1, 0.2, 0.3])
-    np.testing.assert_allclose(sound_between(sound, 0.8, 1.2).samples[:, 0], [0.9, 1.0, 0, 0])
-    assert not sound_between(sound, 5, 6).samples.any()
+    np.testing.assert_allclose(cut_sound(sound, -0.2, 0.3).samples[:, 0], [0, 0, 0.1, 0.2, 0.3])
+    np.testing.assert_allclose(cut_sound(sound, 0.8, 1.2).samples[:, 0], [0.9, 1.0, 0, 0])
+    assert not cut_sound(sound, 5, 6).samples.any()
     with pytest.raises(DataError):
-        sound_between(sound, 1, 1)
+        cut_sound(sound, 1, 1)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mocap_fit.errors import DataError, FileFormatError
-from mocap_fit.render import picture_sheet, save_picture
+from mocap_fit.render import make_sheet, save_picture
 
 
 def picture(level: int, height: int = 60, width: int = 80) -> np.ndarray:
@@ -12,7 +12,7 @@ def picture(level: int, height: int = 60, width: int = 80) -> np.ndarray:
 
 
 def test_pictures_stand_row_by_row():
-    sheet = picture_sheet([picture(10 * i) for i in range(5)], columns=3, margin=4)
+    sheet = make_sheet([picture(10 * i) for i in range(5)], columns=3, margin=4)
     assert sheet.shape == (4 + 2 * 64, 4 + 3 * 84, 3)
     for i in range(5):
         top, left = 4 + (i // 3) * 64, 4 + (i % 3) * 84
@@ -22,18 +22,18 @@ def test_pictures_stand_row_by_row():
 
 
 def test_a_sheet_is_no_wider_than_its_pictures():
-    assert picture_sheet([picture(0)], columns=6, margin=0).shape == (60, 80, 3)
+    assert make_sheet([picture(0)], columns=6, margin=0).shape == (60, 80, 3)
 
 
 def test_labels_are_written_under_their_pictures():
     pictures = [picture(200), picture(100)]
-    sheet = picture_sheet(pictures, columns=2, labels=["rest", ""], margin=4)
-    plain = picture_sheet(pictures, columns=2, labels=["", ""], margin=4)
+    sheet = make_sheet(pictures, columns=2, labels=["rest", ""], margin=4)
+    plain = make_sheet(pictures, columns=2, labels=["", ""], margin=4)
     changed = np.argwhere((sheet != plain).any(axis=2))
     assert len(changed) > 20
     assert changed[:, 0].min() >= 64
     assert changed[:, 1].max() < 4 + 80 + 4
-    other = picture_sheet(pictures, columns=2, labels=["$x_1$", ""], margin=4)
+    other = make_sheet(pictures, columns=2, labels=["$x_1$", ""], margin=4)
     assert (other != sheet).any()
 
 
@@ -49,7 +49,7 @@ def test_labels_are_written_under_their_pictures():
 )
 def test_impossible_sheets_are_refused(images, columns, labels):
     with pytest.raises(DataError):
-        picture_sheet(images, columns, labels)
+        make_sheet(images, columns, labels)
 
 
 def test_a_saved_picture_is_read_back(tmp_path, rng):

@@ -11,7 +11,6 @@ from mocap_fit.errors import DataError
 from mocap_fit.face.builtin import load_built_in_head
 from mocap_fit.face.mesh import Mesh
 from mocap_fit.render import FaceScene, render_face
-from mocap_fit.render.scene import vertex_normals
 
 SIZE = (160, 200)
 
@@ -35,7 +34,7 @@ def opened(head: Mesh, by: float = 12.0) -> np.ndarray:
 
 
 def test_a_picture_shows_a_head_on_a_plain_ground(scene):
-    image = scene.image()
+    image = scene.draw()
     assert image.shape == (200, 160, 3)
     assert image.dtype == np.uint8
     assert image[:, :3].std(axis=1).max() < 3
@@ -45,18 +44,18 @@ def test_a_picture_shows_a_head_on_a_plain_ground(scene):
 
 
 def test_the_same_shape_gives_the_same_picture(scene, head):
-    first = scene.image()
-    scene.image(opened(head))
-    np.testing.assert_array_equal(scene.image(), first)
-    np.testing.assert_array_equal(scene.image(head.vertices.copy()), first)
+    first = scene.draw()
+    scene.draw(opened(head))
+    np.testing.assert_array_equal(scene.draw(), first)
+    np.testing.assert_array_equal(scene.draw(head.vertices.copy()), first)
 
 
 def test_each_shape_gives_its_own_picture_at_once(scene, head):
-    pictures = [scene.image(opened(head, by)) for by in (0.0, 6.0, 12.0)]
+    pictures = [scene.draw(opened(head, by)) for by in (0.0, 6.0, 12.0)]
     for one, other in ((0, 1), (1, 2), (0, 2)):
         assert (pictures[one] != pictures[other]).any()
     with FaceScene(head, size=SIZE) as fresh:
-        np.testing.assert_array_equal(fresh.image(opened(head, 12.0)), pictures[2])
+        np.testing.assert_array_equal(fresh.draw(opened(head, 12.0)), pictures[2])
 
 
 def test_shading_follows_the_shape(head):
@@ -98,15 +97,15 @@ def test_side_view_shows_the_speakers_left(head):
 
 
 def test_markers_are_drawn_where_they_are_and_missing_ones_are_not(scene, head):
-    plain = scene.image()
+    plain = scene.draw()
     tip = head.vertices[head.get_feature_point("9.3")]
-    marked = scene.image(markers=(tip + np.array([0, 0, 2]))[None])
+    marked = scene.draw(markers=(tip + np.array([0, 0, 2]))[None])
     changed = np.argwhere((marked != plain).any(axis=2))
     assert len(changed) > 3
     blue = marked[tuple(changed.mean(axis=0).round().astype(int))].astype(int)
     assert blue[2] > blue[0] + 40
-    np.testing.assert_array_equal(scene.image(markers=[[np.nan] * 3]), plain)
-    np.testing.assert_array_equal(scene.image(), plain)
+    np.testing.assert_array_equal(scene.draw(markers=[[np.nan] * 3]), plain)
+    np.testing.assert_array_equal(scene.draw(), plain)
 
 
 def test_zoom_and_centre_come_closer(head):
@@ -125,27 +124,10 @@ def test_a_mesh_without_colours_takes_those_of_its_material():
 
 def test_jagged_edges_are_a_choice(head):
     with FaceScene(head, size=SIZE, smooth_edges=False) as quick:
-        jagged = quick.image()
+        jagged = quick.draw()
     smooth = render_face(head, size=SIZE)
     assert (jagged != smooth).any()
     assert np.abs(jagged.astype(int) - smooth).mean() < 6
-
-
-def test_normals_of_a_cube_point_outwards():
-    import itertools
-
-    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    triangles = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
-    normals = vertex_normals(corners, triangles)
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
-    assert ((normals * corners).sum(axis=1) > 0.8).all()
-
-
-def test_vertices_without_triangles_have_no_normal_and_do_no_harm():
-    normals = vertex_normals(np.eye(4, 3), np.array([[0, 1, 2]]))
-    assert (normals[3] == 0).all()
-    assert np.isfinite(normals).all()
 
 
 @pytest.mark.parametrize(
@@ -176,7 +158,7 @@ def test_impossible_shapes_are_refused(scene, head, vertices, markers, message):
         vertices = head.vertices.copy()
         vertices[7, 1] = np.nan
     with pytest.raises(DataError, match=message):
-        scene.image(vertices, markers=markers)
+        scene.draw(vertices, markers=markers)
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux needs it")

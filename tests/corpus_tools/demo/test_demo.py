@@ -17,7 +17,7 @@ from mocap_fit import control
 from mocap_fit.corpus import open_corpus
 from mocap_fit.errors import MissingExtraError, MocapFitWarning
 from mocap_fit.render import require_off_screen
-from mocap_fit.render.movie_file import ffmpeg_program
+from mocap_fit.render.movie_file import find_ffmpeg
 from mocap_fit.tracks import read_parquet
 
 FIGURES = {
@@ -55,7 +55,7 @@ def can_draw():
 
 def can_film():
     try:
-        ffmpeg_program()
+        find_ffmpeg()
     except MissingExtraError:
         return False
     return can_draw()

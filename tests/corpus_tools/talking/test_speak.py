@@ -84,9 +84,9 @@ class TestText:
         report = json.loads(capsys.readouterr().out)
         assert report["sound"] is True
         assert report["phones"][0] == report["phones"][-1] == "sil"
-        from mocap_fit.render.movie_file import ffmpeg_program
+        from mocap_fit.render.movie_file import find_ffmpeg
 
-        probe = subprocess.run([ffmpeg_program(), "-i", out], capture_output=True, text=True).stderr
+        probe = subprocess.run([find_ffmpeg(), "-i", out], capture_output=True, text=True).stderr
         assert "Video: h264" in probe
         assert "Audio: aac" in probe
         assert [path.name for path in tmp_path.iterdir()] == ["a.mp4"]
