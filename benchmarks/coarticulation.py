@@ -31,7 +31,7 @@ from scipy.optimize import minimize
 
 from mocap_fit import control
 from mocap_fit.control import dominance
-from mocap_fit.control.ohman import blends, peaks
+from mocap_fit.control.blending import compute_blends, find_peaks
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.phones import (
     ARTICULATORY_PARAMETERS,
@@ -50,7 +50,7 @@ MOST, MOST_QUICK = 4000, 800
 
 
 def sentences(phone_set: PhoneSet, count: int) -> list[PhoneSequence]:
-    """Random phones, some more frequent than others, in sentences of 300 frames."""
+    """Draw phones, some more frequent than others, in sentences of 300 frames."""
     rng = np.random.default_rng(SEED)
     symbols = phone_set.list_symbols()
     often = 1.0 / (3.0 + rng.permutation(len(symbols)))
@@ -89,7 +89,7 @@ class Problem:
         seen = np.ones(len(self.symbols), dtype=bool)
         hold = control.create("ohman").get_params()["hold"]
         pairs = [
-            blends(p, peaks(each, hold), self.times, self.is_vowel, seen)
+            compute_blends(p, find_peaks(each, hold), self.times, self.is_vowel, seen)
             for p, each in zip(self.positions, self.phones, strict=True)
         ]
         self.track = np.concatenate([pair.track.toarray() for pair in pairs])
@@ -101,7 +101,7 @@ class Problem:
         ]
 
     def corpus(self, make: Callable[[np.random.Generator], FloatArray]) -> Corpus:
-        """The sentences with parameters that a model makes, and slow noise."""
+        """Return the sentences with parameters that a model makes, and slow noise."""
         rng = np.random.default_rng(SEED + 1)
         values = np.stack([make(rng) for _ in self.names], axis=1)
         frequencies = np.fft.rfftfreq(len(values), 1 / RATE)
@@ -123,7 +123,7 @@ class Problem:
 
 
 def cohen_massaro(problem: Problem, most: int) -> dict[str, Any]:
-    """Both trainings of Cohen-Massaro's model."""
+    """Measure both trainings of Cohen-Massaro's model."""
     phones = len(problem.symbols)
 
     def make(rng: np.random.Generator) -> FloatArray:
@@ -144,15 +144,15 @@ def cohen_massaro(problem: Problem, most: int) -> dict[str, Any]:
     prepared = []
     for number, frames in enumerate(problem.frames):
         rows = np.arange(FRAMES)[:, None]
-        segments = frames.phones[frames.segments()]
+        segments = frames.phones[frames.segments]
         part = dominance.compute_shares(start, frames)
         np.add.at(shares[number * FRAMES : (number + 1) * FRAMES], (rows, segments), part)
-        before = np.arange(frames.logarithms.shape[1]) < frames.left[:, None]
+        before = np.arange(frames.logarithms.shape[1]) < frames.before[:, None]
         prepared.append((segments, before, frames.logarithms))
     start[:, 0] = np.linalg.lstsq(shares, wanted, rcond=None)[0]
 
     def value_and_slope(point: FloatArray) -> tuple[float, FloatArray]:
-        """Equation 5 and its gradient, a sentence at a time, dense."""
+        """Compute equation 5 and its gradient, a sentence at a time, dense."""
         free = point.reshape(-1, 5)
         c = np.exp(free[:, 4])
         slope, total = np.zeros((5, phones)), 0.0
@@ -188,7 +188,7 @@ def cohen_massaro(problem: Problem, most: int) -> dict[str, Any]:
 
 
 def ohman(problem: Problem, most: int) -> dict[str, Any]:
-    """Both trainings of Öhman's model."""
+    """Measure both trainings of Öhman's model."""
     phones = len(problem.symbols)
     track, consonants = problem.track, problem.consonants
 
@@ -203,7 +203,7 @@ def ohman(problem: Problem, most: int) -> dict[str, Any]:
     wanted = wanted - wanted.mean()
 
     def value_and_slope(point: FloatArray) -> tuple[float, FloatArray]:
-        """Equation 5 and its gradient, dense."""
+        """Compute equation 5 and its gradient, dense."""
         targets, factors = point[:phones], point[phones:]
         v = track @ targets
         left = 1.0 - consonants @ factors
@@ -220,17 +220,17 @@ def ohman(problem: Problem, most: int) -> dict[str, Any]:
 
 
 def trained(name: str, corpus: Corpus) -> dict[str, Any]:
-    """Our training: by parameter, the errors after each iteration and the time that each took."""
+    """Measure our training until the error is within the limit."""
     # Compiled functions are compiled before, or found in their cache.
     control.create(name, max_iter=1).fit(corpus.select([corpus.utterances[0].id]))
     curves: dict[str, list[tuple[float, float]]] = {}
     begin = time.thread_time()
 
-    def keep(entry: control.LogEntry) -> None:
+    def log(entry: control.LogEntry) -> None:
         curves.setdefault(entry.part, []).append((time.thread_time() - begin, entry.training_error))
 
     model = control.create(name, l2=0.0, tol=1e-6)
-    model.fit(corpus, progress=keep)
+    model.fit(corpus, progress=log)
     # Of each parameter, the time until its error was within the limit; then the next one began.
     seconds, last = 0.0, 0.0
     for curve in curves.values():
@@ -256,11 +256,11 @@ def against(
     wanted: FloatArray,
     most: int,
 ) -> dict[str, Any]:
-    """A row: ours, and scipy's search until it has the same error."""
+    """Return a row: ours, and scipy's search until it has the same error."""
     limit = WITHIN * ours["error"] ** 2 * len(wanted)
     least, calls = np.inf, 0
 
-    def asked(point: FloatArray) -> tuple[float, FloatArray]:
+    def count(point: FloatArray) -> tuple[float, FloatArray]:
         nonlocal least, calls
         found = value_and_slope(point)
         least, calls = min(least, found[0]), calls + 1
@@ -271,7 +271,7 @@ def against(
     begin = time.thread_time()
     try:
         options = {"maxiter": most, "maxfun": most, "ftol": 1e-12, "gtol": 1e-10}
-        minimize(asked, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        minimize(count, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     except Arrived:
         pass
     peer = (time.thread_time() - begin) * ours["parameters"]
@@ -291,7 +291,7 @@ def against(
 
 
 def measure(quick: bool) -> list[dict[str, Any]]:
-    """A row a model."""
+    """Return a row for each model."""
     if quick:
         return [cohen_massaro(Problem(20, 2), MOST_QUICK), ohman(Problem(40, 10), MOST_QUICK)]
     problem = Problem(200, 10)

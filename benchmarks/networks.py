@@ -44,7 +44,7 @@ OURS, PLAIN, TORCH = "mocap-fit", "plain numpy", "torch eager"
 
 
 def make_batch(rng: np.random.Generator) -> tuple[np.ndarray, list[np.ndarray]]:
-    """What the input layer sees, and the targets of each stack."""
+    """Draw what the input layer sees, and the targets of each stack."""
     phones = (rng.random((40, INPUTS)) < 0.4).astype(np.float32)
     frames = FRAMES + CONTEXT - 1
     inputs = np.empty((BATCH, frames, INPUTS), np.float32)
@@ -62,7 +62,7 @@ def make_batch(rng: np.random.Generator) -> tuple[np.ndarray, list[np.ndarray]]:
 
 
 def ours(stacks: list[Weights], seen: np.ndarray, targets: list[np.ndarray]):
-    """Loss and gradients as `mocap_fit` computes them."""
+    """Compute loss and gradients as `mocap_fit` does."""
     loss, gradients = 0.0, []
     for weights, wanted in zip(stacks, targets, strict=True):
         squares, gradient = compute_errors_and_gradient(weights, seen, wanted, np.ones_like(wanted))
@@ -72,7 +72,7 @@ def ours(stacks: list[Weights], seen: np.ndarray, targets: list[np.ndarray]):
 
 
 def plain(stacks: list[Weights], seen: np.ndarray, targets: list[np.ndarray]):
-    """The same, network by network, sentence by sentence and frame by frame."""
+    """Compute the same network by network, sentence by sentence and frame by frame."""
     loss, gradients = 0.0, []
     for weights, wanted in zip(stacks, targets, strict=True):
         gradient = weights.map(np.zeros_like)
@@ -110,7 +110,7 @@ def plain(stacks: list[Weights], seen: np.ndarray, targets: list[np.ndarray]):
 
 
 def torch_eager() -> Callable | None:
-    """The same in torch, or None where it is not installed."""
+    """Return the same in torch, or None where it is not installed."""
     try:
         import torch
     except ImportError:
@@ -147,10 +147,10 @@ def torch_eager() -> Callable | None:
 
 
 def measure_training(quick: bool) -> dict[str, dict[str, float] | None]:
-    """Seconds an epoch, loss and ratio of every method."""
+    """Measure seconds an epoch, loss and ratio of every method."""
     rng = np.random.default_rng(SEED)
     stacks = [
-        draw_weights(2, CONTEXT * INPUTS, hidden, outputs, DELAYS, rng).map(
+        draw_weights(CONTEXT * INPUTS, hidden, outputs, DELAYS, rng, 2).map(
             lambda array: array.astype(np.float32)
         )
         for hidden, outputs in SIZES
@@ -186,7 +186,7 @@ def measure_training(quick: bool) -> dict[str, dict[str, float] | None]:
 
 
 def measure_live(quick: bool) -> dict[str, float]:
-    """Microseconds a live frame of `ann-low-latency`."""
+    """Measure microseconds a live frame of `ann-low-latency`."""
     chosen = load_phone_set("sv-sta")
     rng = np.random.default_rng(SEED)
     symbols = [phone.symbol for phone in chosen.phones]

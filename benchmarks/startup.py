@@ -17,7 +17,7 @@ PROGRAM = Path(sysconfig.get_path("scripts")) / "mocap-fit"
 
 
 def seconds(command: list[str]) -> float:
-    """Wall-clock time of one process."""
+    """Measure the wall-clock time of one process."""
     start = time.perf_counter()
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return time.perf_counter() - start

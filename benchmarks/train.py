@@ -22,7 +22,7 @@ import networks
 
 
 def network_rows(quick: bool) -> list[dict[str, Any]]:
-    """A row a peer of the networks."""
+    """Return a row for each peer of the networks."""
     training = networks.measure_training(quick)
     own = training[networks.OURS]
     assert own is not None
