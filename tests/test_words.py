@@ -97,7 +97,6 @@ PENDING = (
     "corpus_tools/validation",
     "mocap_fit/control/cart",
     "mocap_fit/evaluation",
-    "mocap_fit/labels",
     "mocap_fit/synthesis",
 )
 

@@ -11,7 +11,7 @@ from corpus_tools.cli.console import Status
 from mocap_fit.atomic_file import make_folder
 from mocap_fit.errors import ConfigurationError, FileFormatError, MissingFileError, MocapFitError
 from mocap_fit.labels import to_labels, write_labels
-from mocap_fit.labels.text import label_text
+from mocap_fit.labels.text import read_label_text
 
 _BESIDE = (".txt", ".lab")
 
@@ -46,7 +46,7 @@ def transcripts(wavs: Sequence[Path], text: Path | None) -> dict[Path, str]:
         )
     # A pipe is no file, and has a text all the same.
     if text is not None and text.exists() and not text.is_dir():
-        content = label_text(text)
+        content = read_label_text(text)
         if len(wavs) == 1 and "\t" not in content:
             return {wavs[0]: content}
         table = _table(content, text, set(names))
@@ -59,7 +59,7 @@ def transcripts(wavs: Sequence[Path], text: Path | None) -> dict[Path, str]:
             beside = (folder / f"{wav.stem}{ending}" for ending in _BESIDE)
             found = next((path for path in beside if path.is_file()), None)
             if found is not None:
-                table[wav.stem] = label_text(found)
+                table[wav.stem] = read_label_text(found)
     without = [name for name in names if not table.get(name, "").strip()]
     if without:
         more = f" and {len(without) - 10} more" if len(without) > 10 else ""

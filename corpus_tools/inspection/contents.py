@@ -18,7 +18,7 @@ from mocap_fit.labels import (
     Labels,
     Tier,
     find_label_reader,
-    label_faults,
+    find_label_faults,
     read_all_labels,
 )
 from mocap_fit.phones import list_phone_sets, load_phone_set, read_stored_phones
@@ -91,7 +91,7 @@ def _labels(path: str | os.PathLike[str]) -> dict[str, Any]:
         total = {"count": len(rows)} if len(rows) > _LISTED else {}
         return {**about, **total, "utterances": rows[:_LISTED]}
     (labels,) = utterances
-    faults = [str(fault) for fault in label_faults(labels)]
+    faults = [str(fault) for fault in find_label_faults(labels)]
     return {
         **about,
         "name": labels.name,

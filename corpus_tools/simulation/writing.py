@@ -18,7 +18,7 @@ from mocap_fit.face import load_face
 from mocap_fit.fitting import load_layout
 from mocap_fit.fitting.layout import list_layouts
 from mocap_fit.io import write_qualisys_tsv
-from mocap_fit.labels.readers import Label, Labels, Tier, write_labels
+from mocap_fit.labels import Label, Labels, Tier, write_labels
 from mocap_fit.phones import PhoneSequence, PhoneSet
 from mocap_fit.tracks import ParameterTracks, write_parquet
 

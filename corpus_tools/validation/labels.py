@@ -10,7 +10,7 @@ import numpy as np
 
 from corpus_tools.validation.findings import Evidence, Finding, Place
 from corpus_tools.validation.thresholds import Thresholds
-from mocap_fit.labels import Label, Labels, Tier, label_faults
+from mocap_fit.labels import Label, Labels, Tier, find_label_faults
 from mocap_fit.phones import PhoneSet
 from mocap_fit.tracks import FloatArray
 
@@ -96,7 +96,7 @@ def _times(tier: Tier, place: Place, limits: Thresholds) -> Iterator[Finding]:
     entries = tier.entries
     start = min(entry.start for entry in entries)
     end = max(entry.end for entry in entries)
-    for fault in label_faults(Labels((tier,), start, end)):
+    for fault in find_label_faults(Labels((tier,), start, end)):
         code = _CODES.get(fault.kind)
         length = fault.end - fault.start
         where = _at(place, fault.text or "(empty)", fault.start, fault.end)

@@ -3,10 +3,7 @@
 from mocap_fit.labels.phone_labels import read_phones, to_labels, to_phones
 from mocap_fit.labels.readers import (
     LABEL_READERS,
-    Label,
     LabelReader,
-    Labels,
-    Tier,
     find_label_reader,
     read_all_labels,
     read_labels,
@@ -15,11 +12,12 @@ from mocap_fit.labels.readers import (
 from mocap_fit.labels.retiming import retime
 from mocap_fit.labels.tiers import (
     LabelFault,
-    fill_gaps,
+    fill_label_gaps,
+    find_label_faults,
     find_phone_tier,
     find_word_tier,
-    label_faults,
 )
+from mocap_fit.labels.types import Label, Labels, Tier
 
 __all__ = [
     "LABEL_READERS",
@@ -28,11 +26,11 @@ __all__ = [
     "LabelReader",
     "Labels",
     "Tier",
-    "fill_gaps",
+    "fill_label_gaps",
+    "find_label_faults",
     "find_label_reader",
     "find_phone_tier",
     "find_word_tier",
-    "label_faults",
     "read_all_labels",
     "read_labels",
     "read_phones",

@@ -1,4 +1,4 @@
-"""Labels as a table: start, end, phone, and perhaps stress, word and more, one row a phone.
+"""Labels as a table: start, end, phone, and optional stress, word and more, one row a phone.
 
 Every column after start and end is a tier, and all tiers have the same times.
 """
@@ -11,17 +11,17 @@ import os
 from collections.abc import Sequence
 
 from mocap_fit.errors import DataError, FileFormatError
-from mocap_fit.labels.readers import Label, Labels, Tier
 from mocap_fit.labels.text import (
-    head_lines,
-    label_text,
-    number_text,
-    only_one,
+    format_number,
+    get_only,
+    get_utterance_name,
+    parse_seconds,
+    read_head_lines,
+    read_label_text,
     refuse_characters,
-    seconds,
-    utterance_name,
 )
-from mocap_fit.labels.tiers import find_phone_tier, text_at, warn_left_out
+from mocap_fit.labels.tiers import find_phone_tier, get_texts, warn_left_out
+from mocap_fit.labels.types import Label, Labels, Tier
 
 description = "table of start, end, phone, stress, word"
 extensions = (".csv",)
@@ -31,63 +31,88 @@ _ENDS = ("end", "offset", "stop", "end_time", "tmax", "xmax")
 _DELIMITERS = (",", ";", "\t")
 
 
-def _time_columns(names: Sequence[str]) -> tuple[int, int] | None:
+def _find_time_columns(names: Sequence[str]) -> tuple[int, int] | None:
     plain = [name.strip().casefold() for name in names]
-    starts = [place for place, name in enumerate(plain) if name in _STARTS]
-    ends = [place for place, name in enumerate(plain) if name in _ENDS]
+    starts = [column for column, name in enumerate(plain) if name in _STARTS]
+    ends = [column for column, name in enumerate(plain) if name in _ENDS]
     return (starts[0], ends[0]) if starts and ends else None
 
 
-def _delimiter(first_line: str) -> str | None:
+def _detect_delimiter(first_line: str) -> str | None:
     for delimiter in _DELIMITERS:
         names = next(csv.reader([first_line], delimiter=delimiter), [])
-        if len(names) > 2 and _time_columns(names) is not None:
+        if len(names) > 2 and _find_time_columns(names) is not None:
             return delimiter
     return None
 
 
 def sniff(path: str | os.PathLike[str]) -> bool:
-    """Whether the first line names a start, an end and something more."""
-    lines = head_lines(path)
+    """Return whether the first line names a start, an end and another column.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    bool
+        Whether it looks like a table of labels.
+    """
+    lines = read_head_lines(path)
     try:
-        return bool(lines) and _delimiter(lines[0]) is not None
+        return bool(lines) and _detect_delimiter(lines[0]) is not None
     except csv.Error:
         return False
 
 
 def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[Labels, ...]:
-    """Read a table of labels; `rate` is not used.
+    """Read a table of labels.
 
-    Columns are parted by commas, semicolons or tabs; with the latter two, a decimal comma is
-    understood.
+    Columns are separated by commas, semicolons or tabs; with the latter two, decimal commas are
+    accepted.
+
+    Parameters
+    ----------
+    path
+        File to read.
+    rate
+        Not used.
+
+    Returns
+    -------
+    tuple of Labels
+        The only utterance of the file.
 
     Raises
     ------
     FileFormatError
         If the columns are not named, or a row has too few or no times.
     """
-    content = label_text(path)
+    content = read_label_text(path)
     try:
-        delimiter = _delimiter(content.split("\n", 1)[0])
+        delimiter = _detect_delimiter(content.split("\n", 1)[0])
         if delimiter is None:
             raise FileFormatError(
                 "the columns of the table are not named",
                 path=path,
                 line=1,
                 found=f"'{content.split(chr(10), 1)[0]}'",
-                expected="start,end,phone and perhaps stress,word",
+                expected="start,end,phone and optionally stress,word",
                 advice="Add the line of names; times are seconds.",
             )
-        return (_table(csv.reader(io.StringIO(content), delimiter=delimiter), delimiter, path),)
+        return (
+            _parse_table(csv.reader(io.StringIO(content), delimiter=delimiter), delimiter, path),
+        )
     except csv.Error as error:
         raise FileFormatError("this is not a table", path=path, found=error) from None
 
 
-def _table(rows: csv._reader, delimiter: str, path: str | os.PathLike[str]) -> Labels:  # type: ignore[name-defined]
+def _parse_table(rows: csv._reader, delimiter: str, path: str | os.PathLike[str]) -> Labels:  # type: ignore[name-defined]
     names = next(rows)
-    columns = _time_columns(names)
+    columns = _find_time_columns(names)
     assert columns is not None
-    others = [place for place in range(len(names)) if place not in columns]
+    others = [column for column in range(len(names)) if column not in columns]
     entries: list[list[Label]] = [[] for _ in others]
     for row in rows:
         if not any(cell.strip() for cell in row):
@@ -100,32 +125,47 @@ def _table(rows: csv._reader, delimiter: str, path: str | os.PathLike[str]) -> L
                 found=len(row),
                 expected=len(names),
             )
-        times = [row[place] for place in columns]
+        times = [row[column] for column in columns]
         if delimiter != ",":
             times = [time.replace(",", ".") for time in times]
-        start, end = (seconds(time, path, rows.line_num) for time in times)
-        for tier, place in zip(entries, others, strict=True):
-            tier.append(Label(start, end, row[place]))
+        start, end = (parse_seconds(time, path, rows.line_num) for time in times)
+        for tier, column in zip(entries, others, strict=True):
+            tier.append(Label(start, end, row[column]))
     tiers = [
-        Tier(names[place].strip(), tuple(tier)) for place, tier in zip(others, entries, strict=True)
+        Tier(names[column].strip(), tuple(tier))
+        for column, tier in zip(others, entries, strict=True)
     ]
     end = max((entry.end for tier in tiers for entry in tier.entries), default=0.0)
-    return Labels(tuple(tiers), 0.0, end, name=utterance_name(path))
+    return Labels(tuple(tiers), 0.0, end, name=get_utterance_name(path))
 
 
-def text(
+def to_text(
     utterances: Sequence[Labels], path: str | os.PathLike[str], *, rate: float | None = None
 ) -> str:
-    """The table's text, one row a phone; `path` and `rate` are not used.
+    """Return the table, one row a phone.
 
-    A tier with other times than the phones says in each row what it holds at the phone's centre.
+    A tier with other times than the phones has in each row its text at the centre of the phone.
+
+    Parameters
+    ----------
+    utterances
+        Exactly one utterance.
+    path
+        Not used.
+    rate
+        Not used.
+
+    Returns
+    -------
+    str
+        Content of the file.
 
     Raises
     ------
     DataError
         If two tiers have one name, or one has that of a time.
     """
-    labels = only_one(utterances, "CSV")
+    labels = get_only(utterances, "CSV")
     phones = find_phone_tier(labels)
     tiers = [tier for tier in labels.tiers if tier.kind == "interval"]
     warn_left_out(labels, tiers, "a table of phones")
@@ -145,10 +185,10 @@ def text(
         if [(entry.start, entry.end) for entry in tier.entries] == times:
             columns.append([entry.text for entry in tier.entries])
         else:
-            columns.append(text_at(tier, [0.5 * (start + end) for start, end in times]))
+            columns.append(get_texts(tier, [0.5 * (start + end) for start, end in times]))
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(names)
     for (start, end), *cells in zip(times, *columns, strict=True):
-        writer.writerow([number_text(start), number_text(end), *cells])
+        writer.writerow([format_number(start), format_number(end), *cells])
     return stream.getvalue()

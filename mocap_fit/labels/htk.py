@@ -1,7 +1,7 @@
 """Labels of HTK: one utterance in a .lab or .rec, many in a master label file (.mlf).
 
 A line is ``start end name [score] {name [score]}``, its times in units of 100 ns. The further
-names are those of higher levels, such as words, each at the first phone of its own.
+names are those of higher levels, such as words, each at its first phone.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from collections.abc import Sequence
 from pathlib import PurePosixPath
 
 from mocap_fit.errors import DataError, FileFormatError
-from mocap_fit.labels.readers import Label, Labels, Tier
 from mocap_fit.labels.text import (
-    head_lines,
-    label_text,
-    only_one,
+    get_only,
+    get_utterance_name,
+    read_head_lines,
+    read_label_text,
     refuse_characters,
-    units,
-    utterance_name,
+    to_units,
 )
 from mocap_fit.labels.tiers import find_phone_tier, warn_left_out
+from mocap_fit.labels.types import Label, Labels, Tier
 
 description = "HTK .lab, times in 100 ns"
 extensions = (".lab", ".rec")
@@ -30,7 +30,7 @@ extensions = (".lab", ".rec")
 RATE = 1e7
 """Units of time per second."""
 NO_NAME = "!NULL"
-"""What ends a word without beginning another."""
+"""Name that ends a word without beginning another."""
 
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _TIMES = re.compile(r"-?\d{1,18}[ \t]+-?\d{1,18}[ \t]+\S.*")
@@ -42,38 +42,75 @@ Row = tuple[int, int, list[tuple[str, str]]]
 
 
 def sniff(path: str | os.PathLike[str]) -> bool:
-    """Whether lines begin with two whole numbers and a name."""
-    lines = [line.strip() for line in head_lines(path) if line.strip()]
+    """Return whether lines begin with two integers and a name.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    bool
+        Whether it looks like an HTK label file.
+    """
+    lines = [line.strip() for line in read_head_lines(path) if line.strip()]
     return bool(lines) and all(_TIMES.fullmatch(line) for line in lines[:20])
 
 
 def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[Labels, ...]:
-    """Read a .lab of one utterance; `rate` is not used.
+    """Read a .lab of one utterance.
+
+    Parameters
+    ----------
+    path
+        File to read.
+    rate
+        Not used.
+
+    Returns
+    -------
+    tuple of Labels
+        The only utterance of the file.
 
     Raises
     ------
     FileFormatError
         If a line is not two times and a name.
     """
-    lines = enumerate(label_text(path).split("\n"), start=1)
-    rows = [parsed_row(line, number, path) for number, line in lines if line.strip()]
-    return (utterance(rows, utterance_name(path)),)
+    lines = enumerate(read_label_text(path).split("\n"), start=1)
+    rows = [parse_row(line, number, path) for number, line in lines if line.strip()]
+    return (build_utterance(rows, get_utterance_name(path)),)
 
 
-def text(
+def to_text(
     utterances: Sequence[Labels], path: str | os.PathLike[str], *, rate: float | None = None
 ) -> str:
-    """The file's text, phones with the words above them; `path` and `rate` are not used.
+    """Return the content of a .lab: phones with the words of their first phones.
+
+    Parameters
+    ----------
+    utterances
+        Exactly one utterance.
+    path
+        Not used.
+    rate
+        Not used.
+
+    Returns
+    -------
+    str
+        Content of the file.
 
     Raises
     ------
     DataError
         If there is not one utterance, or a label holds the end of a line.
     """
-    return rows_text(only_one(utterances, "HTK .lab"))
+    return format_rows(get_only(utterances, "HTK .lab"))
 
 
-def _unescaped(name: str) -> str:
+def _unescape(name: str) -> str:
     # HTK writes a byte above 127 as a backslash and three octal digits.
     content = b""
     position = 0
@@ -89,28 +126,42 @@ def _unescaped(name: str) -> str:
         return content.decode("latin-1")
 
 
-def parsed_row(line: str, number: int, path: str | os.PathLike[str]) -> Row:
-    """A line of labels: start and end in units, and name and score of every level.
+def parse_row(line: str, number: int, path: str | os.PathLike[str]) -> Row:
+    """Parse a line of labels.
+
+    Parameters
+    ----------
+    line
+        Text of the line.
+    number
+        Number of the line for the message.
+    path
+        File for the message.
+
+    Returns
+    -------
+    tuple
+        Start and end in units of 100 ns, and name and score of every level.
 
     Raises
     ------
     FileFormatError
-        If it is none.
+        If the line is not two times and a name.
     """
-    found: list[tuple[str, bool]] = []
+    tokens: list[tuple[str, bool]] = []
     position, line = 0, line.strip(" \t")
     while position < len(line):
         match = _TOKEN.match(line, position)
         if match is None:
-            raise _bad_row(line, number, path)
+            raise _create_row_error(line, number, path)
         quoted = match[1] if match[1] is not None else match[2]
-        found.append((_unescaped(match[3] if quoted is None else quoted), quoted is None))
+        tokens.append((_unescape(match[3] if quoted is None else quoted), quoted is None))
         position = match.end()
-    times = [token for token, plain in found[:2] if plain and re.fullmatch(r"-?\d{1,18}", token)]
-    if len(times) < 2 or len(found) < 3:
-        raise _bad_row(line, number, path)
+    times = [token for token, plain in tokens[:2] if plain and re.fullmatch(r"-?\d{1,18}", token)]
+    if len(times) < 2 or len(tokens) < 3:
+        raise _create_row_error(line, number, path)
     levels: list[tuple[str, str]] = []
-    for token, plain in found[2:]:
+    for token, plain in tokens[2:]:
         if plain and _NUMBER.fullmatch(token) and levels and not levels[-1][1]:
             levels[-1] = (levels[-1][0], token)
         else:
@@ -118,19 +169,32 @@ def parsed_row(line: str, number: int, path: str | os.PathLike[str]) -> Row:
     return int(times[0]), int(times[1]), levels
 
 
-def _bad_row(line: str, number: int, path: str | os.PathLike[str]) -> FileFormatError:
+def _create_row_error(line: str, number: int, path: str | os.PathLike[str]) -> FileFormatError:
     return FileFormatError(
-        "this is no label of HTK with times",
+        "this is not a label of HTK with times",
         path=path,
         line=number,
         found=f"'{line}'",
-        expected="start and end in whole units of 100 ns, then a name",
+        expected="start and end in units of 100 ns, then a name",
         advice="Labels without times are a transcript: align them with mocap-fit align.",
     )
 
 
-def utterance(rows: Sequence[Row], name: str) -> Labels:
-    """The labels of an utterance from its lines."""
+def build_utterance(rows: Sequence[Row], name: str) -> Labels:
+    """Build the labels of an utterance from its lines.
+
+    Parameters
+    ----------
+    rows
+        Lines of the utterance.
+    name
+        Name of the utterance.
+
+    Returns
+    -------
+    Labels
+        A tier for each level.
+    """
     levels = max((len(row[2]) for row in rows), default=1)
     tiers = []
     for level in range(levels):
@@ -153,7 +217,7 @@ def utterance(rows: Sequence[Row], name: str) -> Labels:
     return Labels(tuple(tiers), 0.0, end, name=name)
 
 
-def _written(entry: Label) -> str:
+def _format_entry(entry: Label) -> str:
     name = entry.text.replace("\\", "\\\\")
     plain = name and not any(c.isspace() for c in name) and name[0] not in "\"'"
     if not plain or _NUMBER.fullmatch(name):
@@ -162,34 +226,44 @@ def _written(entry: Label) -> str:
     return f"{name} {score}" if score else name
 
 
-def _rows_with(tiers: Sequence[Tier]) -> list[tuple[int, int, list[str]]]:
-    """Lines of some tiers, the lowest first: what begins at each phone, level by level."""
-    held: list[int | None] = [None] * len(tiers)
+def _build_rows(tiers: Sequence[Tier]) -> list[tuple[int, int, list[str]]]:
+    """Return lines of some tiers, phones first: the names that begin at each phone."""
+    current: list[int | None] = [None] * len(tiers)
     begins = [
-        sorted((units(entry.start, RATE), place) for place, entry in enumerate(tier.entries))
+        sorted((to_units(entry.start, RATE), index) for index, entry in enumerate(tier.entries))
         for tier in tiers
     ]
     rows = []
     for entry in tiers[0].entries:
-        first, last = units(entry.start, RATE), units(entry.end, RATE)
-        names = [_written(entry)]
+        first, last = to_units(entry.start, RATE), to_units(entry.end, RATE)
+        names = [_format_entry(entry)]
         waiting: list[str] = []
         for level, tier in enumerate(tiers[1:], start=1):
             nearest = bisect.bisect_right(begins[level], (first, len(tier.entries))) - 1
-            place = begins[level][nearest][1] if nearest >= 0 else None
-            if place is not None and units(tier.entries[place].end, RATE) < last:
-                place = None
-            waiting.append(NO_NAME if place is None else _written(tier.entries[place]))
-            if place != held[level]:
+            index = begins[level][nearest][1] if nearest >= 0 else None
+            if index is not None and to_units(tier.entries[index].end, RATE) < last:
+                index = None
+            waiting.append(NO_NAME if index is None else _format_entry(tier.entries[index]))
+            if index != current[level]:
                 names += waiting
                 waiting = []
-            held[level] = place
+            current[level] = index
         rows.append((first, last, names))
     return rows
 
 
-def rows_text(labels: Labels) -> str:
-    """The lines of an utterance: phones, and above them every tier whose labels begin with them.
+def format_rows(labels: Labels) -> str:
+    """Return the lines of an utterance: phones, and all tiers whose labels begin with them.
+
+    Parameters
+    ----------
+    labels
+        Labels to write.
+
+    Returns
+    -------
+    str
+        The lines.
 
     Raises
     ------
@@ -206,11 +280,11 @@ def rows_text(labels: Labels) -> str:
     for tier in labels.tiers:
         if tier is phones or tier.kind == "point":
             continue
-        # Only what reads back as it was is written.
-        trial = _joined(_rows_with([*chosen, tier]))
-        read_back = utterance([parsed_row(line, 0, "") for line in trial], "").tiers
+        # Only tiers that read back unchanged are written.
+        trial = _format_lines(_build_rows([*chosen, tier]))
+        read_back = build_utterance([parse_row(line, 0, "") for line in trial], "").tiers
         same = len(read_back) == len(chosen) + 1 and all(
-            _in_units(one) == _in_units(other)
+            _to_unit_entries(one) == _to_unit_entries(other)
             for one, other in zip(read_back, [*chosen, tier], strict=True)
         )
         if same:
@@ -218,24 +292,48 @@ def rows_text(labels: Labels) -> str:
     warn_left_out(labels, chosen, "an HTK label file")
     for tier in chosen:
         refuse_characters(tier.entries, "\n\r\0", "HTK")
-    return "".join(line + "\n" for line in _joined(_rows_with(chosen)))
+    return "".join(line + "\n" for line in _format_lines(_build_rows(chosen)))
 
 
-def _joined(rows: Sequence[tuple[int, int, list[str]]]) -> list[str]:
+def _format_lines(rows: Sequence[tuple[int, int, list[str]]]) -> list[str]:
     return [f"{first} {last} {' '.join(names)}" for first, last, names in rows]
 
 
-def _in_units(tier: Tier) -> list[tuple[int, int, str]]:
-    return [(units(e.start, RATE), units(e.end, RATE), e.text) for e in tier.entries]
+def _to_unit_entries(tier: Tier) -> list[tuple[int, int, str]]:
+    return [(to_units(e.start, RATE), to_units(e.end, RATE), e.text) for e in tier.entries]
 
 
-def utterance_of_pattern(pattern: str) -> str:
-    """The utterance that a name in a .mlf stands for: ``*/take_01.lab`` is ``take_01``."""
+def parse_name(pattern: str) -> str:
+    """Return the utterance of a name in a .mlf: ``*/take_01.lab`` is ``take_01``.
+
+    Parameters
+    ----------
+    pattern
+        Name in the file.
+
+    Returns
+    -------
+    str
+        Name of the utterance.
+    """
     return PurePosixPath(pattern.replace("\\", "/")).stem
 
 
-def name_error(path: str | os.PathLike[str], name: str) -> DataError:
-    """The error for an utterance whose name a .mlf cannot say."""
+def create_name_error(path: str | os.PathLike[str], name: str) -> DataError:
+    """Return the error of an utterance whose name a .mlf cannot hold.
+
+    Parameters
+    ----------
+    path
+        The file.
+    name
+        Name of the utterance.
+
+    Returns
+    -------
+    DataError
+        The error to raise.
+    """
     return DataError(
         "a .mlf needs a name for every utterance, each once",
         path=path,

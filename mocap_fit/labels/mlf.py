@@ -9,14 +9,14 @@ from collections.abc import Sequence
 from mocap_fit.errors import FileFormatError
 from mocap_fit.labels.htk import (
     Row,
-    name_error,
-    parsed_row,
-    rows_text,
-    utterance,
-    utterance_of_pattern,
+    build_utterance,
+    create_name_error,
+    format_rows,
+    parse_name,
+    parse_row,
 )
-from mocap_fit.labels.readers import Labels
-from mocap_fit.labels.text import head_lines, label_text
+from mocap_fit.labels.text import read_head_lines, read_label_text
+from mocap_fit.labels.types import Labels
 
 description = "HTK master label file, times in 100 ns"
 extensions = (".mlf",)
@@ -26,26 +26,49 @@ _NAME = re.compile(r'"(.*)"')
 
 
 def sniff(path: str | os.PathLike[str]) -> bool:
-    """Whether the first line is that of a master label file."""
-    return head_lines(path)[:1] == [_FIRST] or head_lines(path)[:1] == [_FIRST + " "]
+    """Return whether the first line is that of a master label file.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    bool
+        Whether it looks like a master label file.
+    """
+    return read_head_lines(path)[:1] == [_FIRST] or read_head_lines(path)[:1] == [_FIRST + " "]
 
 
 def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[Labels, ...]:
-    """Read all utterances; `rate` is not used.
+    """Read all utterances of a master label file.
 
-    Of several transcriptions of one utterance (parted by ``///``) the first is read.
+    Of several transcriptions of one utterance (separated by ``///``) the first is read.
+
+    Parameters
+    ----------
+    path
+        File to read.
+    rate
+        Not used.
+
+    Returns
+    -------
+    tuple of Labels
+        The utterances, in the order of the file.
 
     Raises
     ------
     FileFormatError
-        If a line is not what belongs there, or an utterance comes twice.
+        If a line is out of order, or an utterance comes twice.
     """
-    lines = [line.strip(" \t") for line in label_text(path).split("\n")]
+    lines = [line.strip(" \t") for line in read_label_text(path).split("\n")]
     if lines[0] != _FIRST:
         raise FileFormatError(
-            "this is no master label file", path=path, line=1, found=lines[0], expected=_FIRST
+            "this is not a master label file", path=path, line=1, found=lines[0], expected=_FIRST
         )
-    found: dict[str, Labels] = {}
+    entries: dict[str, Labels] = {}
     name: str | None = None
     rows: list[Row] = []
     others = False
@@ -56,32 +79,46 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
             match = _NAME.fullmatch(line)
             if match is None:
                 raise FileFormatError(
-                    "a name in quotation marks belongs here",
+                    "a name in quotation marks is missing",
                     path=path,
                     line=number,
                     found=f"'{line}'",
                     expected='such as "*/take_01.lab"',
                 )
-            name, rows, others = utterance_of_pattern(match[1]), [], False
-            if name in found:
+            name, rows, others = parse_name(match[1]), [], False
+            if name in entries:
                 raise FileFormatError(f"the utterance '{name}' comes twice", path=path, line=number)
         elif line == ".":
-            found[name] = utterance(rows, name)
+            entries[name] = build_utterance(rows, name)
             name = None
         elif line == "///":
             others = True
         elif not others:
-            rows.append(parsed_row(line, number, path))
+            rows.append(parse_row(line, number, path))
     if name is not None:
         # HTK allows the last full stop to be left out; a file cut short looks the same.
-        found[name] = utterance(rows, name)
-    return tuple(found.values())
+        entries[name] = build_utterance(rows, name)
+    return tuple(entries.values())
 
 
-def text(
+def to_text(
     utterances: Sequence[Labels], path: str | os.PathLike[str], *, rate: float | None = None
 ) -> str:
-    """The file's text; `path` is only for messages, `rate` is not used.
+    """Return the content of a master label file.
+
+    Parameters
+    ----------
+    utterances
+        Labels to write, each with a name of its own.
+    path
+        File for messages.
+    rate
+        Not used.
+
+    Returns
+    -------
+    str
+        Content of the file.
 
     Raises
     ------
@@ -92,10 +129,10 @@ def text(
     names: set[str] = set()
     for labels in utterances:
         name = labels.name
-        if not name or name in names or utterance_of_pattern(f"*/{name}.lab") != name:
-            raise name_error(path, name)
+        if not name or name in names or parse_name(f"*/{name}.lab") != name:
+            raise create_name_error(path, name)
         if any(character in '"\n\r\0' for character in name):
-            raise name_error(path, name)
+            raise create_name_error(path, name)
         names.add(name)
-        parts.append(f'"*/{name}.lab"\n{rows_text(labels)}.\n')
+        parts.append(f'"*/{name}.lab"\n{format_rows(labels)}.\n')
     return "".join(parts)

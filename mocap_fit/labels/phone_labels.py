@@ -1,4 +1,4 @@
-"""Phones from labels, and labels from phones."""
+"""Convert labels to phones, and phones to labels."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
-from mocap_fit.errors import DataError, MocapFitWarning
-from mocap_fit.labels.readers import Label, Labels, Tier, read_labels
+from mocap_fit.errors import DataError, MocapFitWarning, add_path
+from mocap_fit.labels.readers import read_labels
 from mocap_fit.labels.tiers import (
     LabelFault,
-    fill_gaps,
+    fill_label_gaps,
+    find_label_faults,
     find_phone_tier,
     find_word_tier,
-    label_faults,
-    text_at,
+    get_texts,
 )
+from mocap_fit.labels.types import Label, Labels, Tier
 from mocap_fit.phones import (
     PhoneSegment,
     PhoneSequence,
@@ -28,7 +29,7 @@ from mocap_fit.phones import (
 )
 
 SMALLEST_OVERLAP = 5e-4
-"""Seconds. Less is the rounding of the program that wrote the file, and is mended."""
+"""Seconds. Less is the rounding of the program that wrote the file, and is corrected."""
 
 _SHOWN = 5
 _GRAVE = ("overlap", "no duration", "negative duration", "order")
@@ -47,55 +48,73 @@ def read_phones(
 ) -> PhoneSequence:
     """Read the phones of an utterance from a file of labels.
 
+    Praat TextGrid, HTK .lab and .mlf, ESPS .lab, TIMIT .phn and CSV files are read, and the
+    formats of installed plug-ins. The content of the file decides which reader is used.
+
     Parameters
     ----------
     path
-        TextGrid, HTK .lab or .mlf, ESPS .lab, TIMIT .phn or CSV.
-    tier, words
-        Names of the tiers of phones and of words; found by name and content where not given.
+        File to read.
+    tier
+        Name of the tier of phones; found by name and content where not given.
+    words
+        Name of the tier of words; found by name where not given.
     phone_set
-        What the labels are written in: a set, its name or its file. With it, stress is split off,
-        every spelling of silence, also an empty label, becomes the set's own, and symbols that
-        are not in it are an error. Without it, symbols stay as they are and empty labels are
-        unlabelled time.
+        Phone set of the labels, or its name or file. With it, stress is split off, every spelling
+        of silence, also an empty label, becomes that of the set, and symbols that are not in the
+        set are an error. Without it, symbols stay as they are and empty labels are unlabelled
+        time.
     table
-        For labels that the set lacks, the symbols to read them as.
+        Replacements for labels that the set lacks, by label.
     name
-        Of the utterance, where the file holds several (.mlf).
-    reader, rate
-        As for `read_labels`.
+        Name of the utterance, where the file holds several (.mlf).
+    reader
+        Name of the format, such as ``textgrid``; determined from the file where not given.
+    rate
+        Sampling rate of formats that count samples (TIMIT), hertz; 16,000 where not given.
 
     Returns
     -------
     PhoneSequence
-        Each phone has the word at its centre.
+        The phones with their times in seconds; each has the word at its centre.
 
     Raises
     ------
-    MocapFitError
-        If the file cannot be read.
+    MissingFileError
+        If there is no such file (also a `FileNotFoundError`).
+    FileFormatError
+        If the file does not follow its format.
     DataError
         If no tier holds phones, labels overlap, have no duration or are out of order, or symbols
         are not in the phone set.
+    RegistryError
+        If a reader of another distribution fails.
 
     Warns
     -----
     MocapFitWarning
         If labels overlap by less than half a millisecond; the earlier one is shortened.
+
+    See Also
+    --------
+    load_phone_set : Load a phone set.
+    load_sample : Return the path of a sample recording.
+    synthesise : Compute the face parameters of phones.
+
+    Examples
+    --------
+    >>> import mocap_fit as mf
+    >>> phones = mf.read_phones(mf.load_sample("take_01.TextGrid"), phone_set="sv-sta")
+    >>> phones
+    <PhoneSequence take_01: 34 phones of sv-sta, 3.080 s: sil S V E N S K k A TJ Y R …>
+    >>> phones[1].word, round(phones[1].duration, 3)
+    ('svenska', 0.083)
     """
     labels = read_labels(path, name, reader=reader, rate=rate)
     try:
         return to_phones(labels, tier, words, phone_set, table=table)
     except DataError as error:
-        if error.path is not None:
-            raise
-        raise DataError(
-            error.problem,
-            path=path,
-            found=error.found,
-            expected=error.expected,
-            advice=error.advice,
-        ) from None
+        raise add_path(error, path) from None
 
 
 def to_phones(
@@ -106,28 +125,59 @@ def to_phones(
     *,
     table: Mapping[str, str] | None = None,
 ) -> PhoneSequence:
-    """The phones of labels; parameters, errors and warnings as for `read_phones`."""
+    """Convert labels to phones.
+
+    Parameters
+    ----------
+    labels
+        Labels as read.
+    tier
+        Name of the tier of phones; found by name and content where not given.
+    words
+        Name of the tier of words; found by name where not given.
+    phone_set
+        Phone set of the labels, or its name or file; without it symbols stay as they are, and
+        empty labels are unlabelled time.
+    table
+        Replacements for labels that the set lacks, by label.
+
+    Returns
+    -------
+    PhoneSequence
+        The phones with their times in seconds; each has the word at its centre.
+
+    Raises
+    ------
+    DataError
+        If no tier holds phones, labels overlap, have no duration or are out of order, or symbols
+        are not in the phone set.
+
+    Warns
+    -----
+    MocapFitWarning
+        If labels overlap by less than half a millisecond; the earlier one is shortened.
+    """
     chosen = load_phone_set(phone_set) if isinstance(phone_set, str | Path) else phone_set
-    phones = find_phone_tier(labels, chosen) if tier is None else labels.tier(tier)
+    phones = find_phone_tier(labels, chosen) if tier is None else labels.get_tier(tier)
     if phones.kind == "point":
         raise DataError(
             f"the tier '{phones.name}' of '{labels.name}' holds moments, not phones",
             expected="a tier of intervals",
             advice="Name another tier (tier=...).",
         )
-    entries = _without_overlaps(labels, phones)
-    above = find_word_tier(labels) if words is None else labels.tier(words)
+    entries = _resolve_overlaps(labels, phones)
+    above = find_word_tier(labels) if words is None else labels.get_tier(words)
     stresses = next((t for t in labels.tiers if t.name.strip().casefold() == "stress"), None)
     centres = [0.5 * (entry.start + entry.end) for entry in entries]
-    spoken = text_at(above, centres) if above not in (None, phones) else [""] * len(centres)
-    stressed = text_at(stresses, centres) if stresses is not None else [""] * len(centres)
+    spoken = get_texts(above, centres) if above not in (None, phones) else [""] * len(centres)
+    stressed = get_texts(stresses, centres) if stresses is not None else [""] * len(centres)
     silence = "" if chosen is None else chosen.silence
     segments = [
         PhoneSegment(
             entry.start,
             entry.end,
             entry.text.strip() or silence,
-            _stress(mark, entry),
+            _parse_stress(mark, entry),
             word.strip(),
         )
         for entry, word, mark in zip(entries, spoken, stressed, strict=True)
@@ -148,7 +198,7 @@ def to_phones(
     )
 
 
-def _stress(mark: str, entry: Label) -> int | None:
+def _parse_stress(mark: str, entry: Label) -> int | None:
     if not mark.strip():
         return None
     if mark.strip() not in ("0", "1", "2"):
@@ -160,39 +210,39 @@ def _stress(mark: str, entry: Label) -> int | None:
     return int(mark)
 
 
-def _without_overlaps(labels: Labels, tier: Tier) -> list[Label]:
+def _resolve_overlaps(labels: Labels, tier: Tier) -> list[Label]:
     alone = dataclasses.replace(labels, tiers=(tier,))
-    faults = [fault for fault in label_faults(alone) if fault.kind in _GRAVE]
+    faults = [fault for fault in find_label_faults(alone) if fault.kind in _GRAVE]
     grave = [f for f in faults if f.kind != "overlap" or f.end - f.start >= SMALLEST_OVERLAP]
     if grave:
-        raise _fault_error(grave, labels)
+        raise _create_fault_error(grave, labels)
     entries = list(tier.entries)
     for fault in faults:
         before, after = entries[fault.entry - 1], entries[fault.entry]
         # A label shorter than its overlap would vanish.
         if not before.start < after.start:
-            raise _fault_error([fault], labels)
+            raise _create_fault_error([fault], labels)
         entries[fault.entry - 1] = dataclasses.replace(before, end=after.start)
     if faults:
         warnings.warn(
             f"{len(faults)} labels of '{labels.name}' overlap by less than "
-            f"{1000 * SMALLEST_OVERLAP:g} ms and were mended: {_listed(faults)}",
+            f"{1000 * SMALLEST_OVERLAP:g} ms and were corrected: {_list_faults(faults)}",
             MocapFitWarning,
             stacklevel=4,
         )
     return entries
 
 
-def _listed(faults: list[LabelFault]) -> str:
+def _list_faults(faults: list[LabelFault]) -> str:
     more = f"; and {len(faults) - _SHOWN} more" if len(faults) > _SHOWN else ""
     return "; ".join(map(str, faults[:_SHOWN])) + more
 
 
-def _fault_error(faults: list[LabelFault], labels: Labels) -> DataError:
+def _create_fault_error(faults: list[LabelFault], labels: Labels) -> DataError:
     return DataError(
-        f"{len(faults)} labels of '{labels.name}' have impossible times: {_listed(faults)}",
+        f"{len(faults)} labels of '{labels.name}' have impossible times: {_list_faults(faults)}",
         expected="labels that follow each other",
-        advice="Mend them in the program that wrote them.",
+        advice="Correct them in the program that wrote them.",
     )
 
 
@@ -232,6 +282,6 @@ def to_labels(
     last = max((segment.end for segment in phones), default=0.0)
     start = min(0.0, *(segment.start for segment in phones)) if len(phones) else 0.0
     tiers = (Tier("words", tuple(words)), Tier("phones", tuple(segments)))
-    return fill_gaps(
+    return fill_label_gaps(
         Labels(tiers, start, last if end is None else max(end, last), name=phones.name)
     )

@@ -1,4 +1,4 @@
-"""Labels and phones of another clock, brought to the recording's by known moments."""
+"""Transfer labels and phones from one clock to another by known moments."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import overload
 import numpy as np
 
 from mocap_fit.errors import DataError
-from mocap_fit.labels.readers import Labels
+from mocap_fit.labels.types import Labels
 from mocap_fit.phones import PhoneSequence
 from mocap_fit.tracks import FloatArray
 
@@ -21,21 +21,26 @@ def retime(labels: Labels, anchors: Sequence[tuple[float, float]]) -> Labels: ..
 def retime(
     labels: PhoneSequence | Labels, anchors: Sequence[tuple[float, float]]
 ) -> PhoneSequence | Labels:
-    """Shift and stretch labels so that known moments come where they belong.
+    """Shift and stretch labels from their clock to that of the recording.
 
     Parameters
     ----------
     labels
         Phones, or labels as read.
     anchors
-        Pairs of a time by the labels' clock and the same moment by the recording's, seconds. One
-        pair shifts; between two, times are stretched evenly, and before the first and after the
-        last as between the two nearest.
+        Pairs of a time by the clock of the labels and the same moment by that of the recording,
+        seconds. One pair shifts; between two pairs times are interpolated linearly, and before
+        the first and after the last they are extrapolated.
+
+    Returns
+    -------
+    PhoneSequence or Labels
+        The same labels by the clock of the recording.
 
     Raises
     ------
     DataError
-        If there is no pair, or they are not in one order by both clocks.
+        If there is no pair, or their order differs between the clocks.
     """
     pairs = np.array(sorted(anchors), dtype=np.float64).reshape(-1, 2)
     ordered = bool(np.all(np.diff(pairs, axis=0) > 0))
@@ -47,32 +52,32 @@ def retime(
             advice="Leave out the pair that is wrong.",
         )
     if isinstance(labels, PhoneSequence):
-        starts, ends = _moved(labels.starts, pairs), _moved(labels.ends, pairs)
+        starts, ends = _retime_times(labels.starts, pairs), _retime_times(labels.ends, pairs)
         segments = tuple(
             dataclasses.replace(segment, start=float(start), end=float(end))
             for segment, start, end in zip(labels, starts, ends, strict=True)
         )
         return labels.replace(segments=segments).add_step("retime", {"anchors": pairs.tolist()})
 
-    def moved(time: float) -> float:
-        return float(_moved(np.array([time]), pairs)[0])
+    def retime_one(time: float) -> float:
+        return float(_retime_times(np.array([time]), pairs)[0])
 
     tiers = []
     for tier in labels.tiers:
         entries = tuple(
-            dataclasses.replace(entry, start=moved(entry.start), end=moved(entry.end))
+            dataclasses.replace(entry, start=retime_one(entry.start), end=retime_one(entry.end))
             for entry in tier.entries
         )
-        start = None if tier.start is None else moved(tier.start)
-        end = None if tier.end is None else moved(tier.end)
+        start = None if tier.start is None else retime_one(tier.start)
+        end = None if tier.end is None else retime_one(tier.end)
         tiers.append(dataclasses.replace(tier, entries=entries, start=start, end=end))
     return dataclasses.replace(
-        labels, tiers=tuple(tiers), start=moved(labels.start), end=moved(labels.end)
+        labels, tiers=tuple(tiers), start=retime_one(labels.start), end=retime_one(labels.end)
     )
 
 
-def _moved(times: FloatArray, pairs: FloatArray) -> FloatArray:
-    """Times `(n,)` by the recording's clock; `pairs` `(anchors, 2)`."""
+def _retime_times(times: FloatArray, pairs: FloatArray) -> FloatArray:
+    """Return times, ``(times,)``, by the second clock of pairs, ``(anchors, 2)``."""
     if len(pairs) == 1:
         shifted: FloatArray = times + (pairs[0, 1] - pairs[0, 0])
         return shifted

@@ -1,4 +1,4 @@
-"""What the formats of labels have in common: encodings, numbers, one utterance a file."""
+"""Common parts of the formats of labels: encodings, numbers, one utterance a file."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import numpy as np
 
 from mocap_fit.errors import DataError, FileFormatError, MocapFitWarning, from_os_error
 from mocap_fit.io.text import check_file, read_head
-from mocap_fit.labels.readers import Label, Labels
+from mocap_fit.labels.types import Label, Labels
 
 LARGEST_FILE = 256 * 2**20
 """Bytes. The labels of 1000 hours of speech in a .mlf fill less."""
 
 
-def _encoding(content: bytes) -> str | None:
-    """UTF-16 by its mark, or by the zero bytes that Latin letters have; None for bytes."""
+def _detect_encoding(content: bytes) -> str | None:
+    """Return UTF-16 by its mark or by the zero bytes of Latin letters; None for others."""
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         return "utf-16"
     head = content[:64]
@@ -29,13 +29,25 @@ def _encoding(content: bytes) -> str | None:
     return None
 
 
-def label_text(path: str | os.PathLike[str]) -> str:
-    """All text of a file, its lines ended by line feeds: UTF-8, UTF-16, or else Latin-1.
+def read_label_text(path: str | os.PathLike[str]) -> str:
+    """Read the text of a file in UTF-8, UTF-16, or else Latin-1.
+
+    Parameters
+    ----------
+    path
+        File to read.
+
+    Returns
+    -------
+    str
+        The text, with line feeds as line endings.
 
     Raises
     ------
+    MissingFileError
+        If there is no such file.
     FileFormatError
-        If the file is missing, empty, unreadable, far too large, or not text.
+        If the file is empty, cannot be read, is far too large, or is not text.
 
     Warns
     -----
@@ -54,7 +66,7 @@ def label_text(path: str | os.PathLike[str]) -> str:
         content = file.read_bytes()
     except OSError as error:
         raise from_os_error(error, path) from None
-    encoding = _encoding(content)
+    encoding = _detect_encoding(content)
     try:
         text = content.decode(encoding or "utf-8-sig")
     except UnicodeDecodeError as error:
@@ -81,30 +93,65 @@ def label_text(path: str | os.PathLike[str]) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def head_lines(path: str | os.PathLike[str], size: int = 4096) -> list[str]:
-    """The first lines of a file for a reader that asks whether it is its own; never an error.
+def read_head_lines(path: str | os.PathLike[str], size: int = 4096) -> list[str]:
+    """Return the first lines of a file, for readers that sniff it.
 
-    A last line that may be cut short is left out.
+    Parameters
+    ----------
+    path
+        The file.
+    size
+        Number of bytes to read; a last line that may be cut short is left out.
+
+    Returns
+    -------
+    list of str
+        The lines; none for a file that is not text or cannot be read.
     """
     content = read_head(path, size)
-    whole = len(content) < size
-    encoding = _encoding(content)
+    is_complete = len(content) < size
+    encoding = _detect_encoding(content)
     if encoding is not None:
         content = content[: len(content) // 2 * 2]
     text = content.decode(encoding or "utf-8-sig", errors="replace").removeprefix("\ufeff")
     if "\0" in text:
         return []
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    return lines if whole else lines[:-1]
+    return lines if is_complete else lines[:-1]
 
 
-def number_text(value: float) -> str:
-    """The shortest decimal that reads back as the same number."""
+def format_number(value: float) -> str:
+    """Return the shortest decimal that reads back as the same number.
+
+    Parameters
+    ----------
+    value
+        Any finite number, such as seconds.
+
+    Returns
+    -------
+    str
+        The decimal, without an exponent.
+    """
     return np.format_float_positional(value + 0.0, trim="-")
 
 
-def seconds(text: str, path: str | os.PathLike[str], line: int) -> float:
-    """A time in seconds as a file has it.
+def parse_seconds(text: str, path: str | os.PathLike[str], line: int) -> float:
+    """Parse a time in seconds.
+
+    Parameters
+    ----------
+    text
+        Text of the time.
+    path
+        File for the message.
+    line
+        Line for the message.
+
+    Returns
+    -------
+    float
+        Time, seconds.
 
     Raises
     ------
@@ -122,8 +169,20 @@ def seconds(text: str, path: str | os.PathLike[str], line: int) -> float:
     return value
 
 
-def only_one(utterances: Sequence[Labels], format_name: str) -> Labels:
-    """The one utterance that a file of most formats holds.
+def get_only(utterances: Sequence[Labels], format_name: str) -> Labels:
+    """Return the only utterance, for formats that hold one.
+
+    Parameters
+    ----------
+    utterances
+        Labels to write.
+    format_name
+        Name of the format for the message.
+
+    Returns
+    -------
+    Labels
+        The utterance.
 
     Raises
     ------
@@ -142,7 +201,18 @@ def only_one(utterances: Sequence[Labels], format_name: str) -> Labels:
 def refuse_characters(
     entries: Sequence[Label], forbidden: str, format_name: str, *, outer_blanks: bool = False
 ) -> None:
-    """Refuse texts with characters that a format cannot write; `outer_blanks`: or blanks outside.
+    """Refuse labels with characters that a format cannot write.
+
+    Parameters
+    ----------
+    entries
+        Labels to write.
+    forbidden
+        Characters that are refused.
+    format_name
+        Name of the format for the message.
+    outer_blanks
+        Whether blanks before and after the text are refused too.
 
     Raises
     ------
@@ -159,11 +229,67 @@ def refuse_characters(
             )
 
 
-def utterance_name(path: str | os.PathLike[str]) -> str:
-    """The name of a file's utterance: the file's, without its ending."""
+def get_utterance_name(path: str | os.PathLike[str]) -> str:
+    """Return the name of the utterance of a file: that of the file without its extension.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    str
+        Name of the utterance.
+    """
     return Path(path).stem
 
 
-def units(value: float, rate: float) -> int:
-    """A time as a whole number of units, such as samples."""
+def to_units(value: float, rate: float) -> int:
+    """Convert a time to an integer number of units, such as samples.
+
+    Parameters
+    ----------
+    value
+        Time, seconds.
+    rate
+        Units a second, hertz.
+
+    Returns
+    -------
+    int
+        Number of units.
+    """
     return round(value * rate)
+
+
+def create_line_error(
+    path: str | os.PathLike[str], line: int, text: str, format_name: str, expected: str
+) -> FileFormatError:
+    """Return the error of a line that is not a label of a format.
+
+    Parameters
+    ----------
+    path
+        The file.
+    line
+        Number of the line.
+    text
+        Text of the line.
+    format_name
+        Name of the format.
+    expected
+        Content of a valid line.
+
+    Returns
+    -------
+    FileFormatError
+        The error to raise.
+    """
+    return FileFormatError(
+        f"this is not a label of {format_name}",
+        path=path,
+        line=line,
+        found=f"'{text}'",
+        expected=expected,
+    )

@@ -1,4 +1,4 @@
-"""Which tier holds the phones and which the words, and what is wrong with a tier's times."""
+"""Find the tiers of phones and words, and the faults in the times of labels."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from mocap_fit.errors import DataError, MocapFitWarning
-from mocap_fit.labels.readers import Label, Labels, Tier
+from mocap_fit.labels.types import Label, Labels, Tier
 from mocap_fit.phones import PhoneSet
 
 _PHONE_NAMES = "phone phones phoneme phonemes phn segment segments seg mau ipa sampa x-sampa"
@@ -24,28 +24,31 @@ SHORTEST_GAP = 1e-6
 
 _LONGEST_SYMBOL = 4
 _MOST = 0.8
+"""Share of labels that must look like phones in a tier of phones."""
 
 FaultKind = Literal["gap", "overlap", "no duration", "negative duration", "order", "outside"]
 
 
 @dataclass(frozen=True)
 class LabelFault:
-    """Something wrong, or worth to know, with the times of a label.
+    """A fault in the times of a label.
 
     Parameters
     ----------
     kind
-        ``gap``: nothing labels the stretch; ``overlap``: two labels do; ``no duration``;
-        ``negative duration``: the end is before the start; ``order``: it starts before the label
-        in front of it; ``outside``: it reaches beyond what the file says that it covers.
+        ``gap``: the time is not labelled; ``overlap``: it is labelled twice; ``no duration``;
+        ``negative duration``: the end is before the start; ``order``: the label starts before the
+        one in front of it; ``outside``: it exceeds the start or the end of the file.
     tier
-        The tier's name.
+        Name of the tier.
     entry
-        The label's place in the tier, from 0; of a gap or an overlap, that of the later label.
-    start, end
-        Seconds: the stretch that is concerned.
+        Index of the label in the tier; of a gap or an overlap, that of the later label.
+    start
+        Start of the fault, seconds.
+    end
+        End of the fault, seconds.
     text
-        The label's.
+        Text of the label.
     """
 
     kind: FaultKind
@@ -56,87 +59,109 @@ class LabelFault:
     text: str
 
     def __str__(self) -> str:
-        """The fault in words."""
+        """Return a description of the fault."""
         return (
             f"{self.kind} at {self.start:.4f} to {self.end:.4f} s "
             f"('{self.text}', entry {self.entry + 1} of tier '{self.tier}')"
         )
 
 
-def label_faults(labels: Labels, tier: str | None = None) -> tuple[LabelFault, ...]:
-    """All that is wrong with the times of labels, by tier and entry.
+def find_label_faults(labels: Labels, tier: str | None = None) -> tuple[LabelFault, ...]:
+    """Find the faults in the times of labels.
 
     Parameters
     ----------
     labels
-        As read.
+        Labels as read.
     tier
-        The name of the only tier to look at; all where not given.
-    """
-    chosen = labels.tiers if tier is None else (labels.tier(tier),)
-    return tuple(fault for one in chosen for fault in _tier_faults(one, labels))
+        Name of the only tier to check; all tiers where not given.
 
-
-def _tier_faults(tier: Tier, labels: Labels) -> list[LabelFault]:
-    found: list[LabelFault] = []
-
-    def add(kind: FaultKind, place: int, start: float, end: float) -> None:
-        found.append(LabelFault(kind, tier.name, place, start, end, tier.entries[place].text))
-
-    reached = labels.start if tier.start is None else tier.start
-    for place, entry in enumerate(tier.entries):
-        first, last = min(entry.start, entry.end), max(entry.start, entry.end)
-        if tier.kind == "interval":
-            if entry.end < entry.start:
-                add("negative duration", place, entry.start, entry.end)
-            elif entry.end == entry.start:
-                add("no duration", place, entry.start, entry.end)
-        if place and entry.start < tier.entries[place - 1].start:
-            add("order", place, entry.start, entry.end)
-        elif tier.kind == "interval" and entry.start > reached + SHORTEST_GAP:
-            add("gap", place, reached, entry.start)
-        elif tier.kind == "interval" and place and entry.start < reached:
-            add("overlap", place, entry.start, min(reached, last))
-        outside = max(labels.start - first, last - labels.end)
-        if outside > SHORTEST_GAP:
-            add("outside", place, entry.start, entry.end)
-        reached = max(reached, last)
-    end = labels.end if tier.end is None else tier.end
-    if tier.kind == "interval" and tier.entries and end > reached + SHORTEST_GAP:
-        add("gap", len(tier.entries) - 1, reached, end)
-    return found
-
-
-def _plain_name(name: str) -> str:
-    # The Montreal aligner writes "speaker - phones".
-    return name.rpartition(" - ")[2].strip().casefold()
-
-
-def _named(labels: Labels, names: Collection[str]) -> list[Tier]:
-    return [t for t in labels.tiers if t.kind == "interval" and _plain_name(t.name) in names]
-
-
-def find_phone_tier(labels: Labels, phone_set: PhoneSet | None = None) -> Tier:
-    """The tier that holds the phones: by its name, or else by what is in it.
-
-    By content, it is the tier most of whose labels are in the phone set, or without a set, most of
-    whose labels have at most four letters; of two such tiers, that with more entries. A file's
-    only tier of intervals is taken whatever it holds.
+    Returns
+    -------
+    tuple of LabelFault
+        The faults by tier and entry.
 
     Raises
     ------
     DataError
-        If there is none; the tiers that there are are listed.
+        If there is no tier of that name.
     """
-    named = _named(labels, PHONE_TIER_NAMES)
+    chosen = labels.tiers if tier is None else (labels.get_tier(tier),)
+    return tuple(fault for one in chosen for fault in _find_tier_faults(one, labels))
+
+
+def _find_tier_faults(tier: Tier, labels: Labels) -> list[LabelFault]:
+    faults: list[LabelFault] = []
+
+    def add(kind: FaultKind, index: int, start: float, end: float) -> None:
+        faults.append(LabelFault(kind, tier.name, index, start, end, tier.entries[index].text))
+
+    reached = labels.start if tier.start is None else tier.start
+    for index, entry in enumerate(tier.entries):
+        first, last = min(entry.start, entry.end), max(entry.start, entry.end)
+        if tier.kind == "interval":
+            if entry.end < entry.start:
+                add("negative duration", index, entry.start, entry.end)
+            elif entry.end == entry.start:
+                add("no duration", index, entry.start, entry.end)
+        if index and entry.start < tier.entries[index - 1].start:
+            add("order", index, entry.start, entry.end)
+        elif tier.kind == "interval" and entry.start > reached + SHORTEST_GAP:
+            add("gap", index, reached, entry.start)
+        elif tier.kind == "interval" and index and entry.start < reached:
+            add("overlap", index, entry.start, min(reached, last))
+        outside = max(labels.start - first, last - labels.end)
+        if outside > SHORTEST_GAP:
+            add("outside", index, entry.start, entry.end)
+        reached = max(reached, last)
+    end = labels.end if tier.end is None else tier.end
+    if tier.kind == "interval" and tier.entries and end > reached + SHORTEST_GAP:
+        add("gap", len(tier.entries) - 1, reached, end)
+    return faults
+
+
+def _simplify_name(name: str) -> str:
+    # The Montreal aligner writes "speaker - phones".
+    return name.rpartition(" - ")[2].strip().casefold()
+
+
+def _select_named(labels: Labels, names: Collection[str]) -> list[Tier]:
+    return [t for t in labels.tiers if t.kind == "interval" and _simplify_name(t.name) in names]
+
+
+def find_phone_tier(labels: Labels, phone_set: PhoneSet | None = None) -> Tier:
+    """Find the tier of phones by its name, or else by its content.
+
+    By content, it is the tier of which most labels are in the phone set, or without a set, have at
+    most four letters; of several such tiers, the one with the most entries. The only tier of
+    intervals is chosen whatever its name and content are.
+
+    Parameters
+    ----------
+    labels
+        Labels as read.
+    phone_set
+        Phone set of the labels, if known.
+
+    Returns
+    -------
+    Tier
+        The tier of phones.
+
+    Raises
+    ------
+    DataError
+        If there is none; all tiers are listed.
+    """
+    named = _select_named(labels, PHONE_TIER_NAMES)
     intervals = [tier for tier in labels.tiers if tier.kind == "interval"]
     if len(intervals) == 1:
         return intervals[0]
     candidates = named or [
         tier
         for tier in intervals
-        if _plain_name(tier.name) not in WORD_TIER_NAMES | {"stress"}
-        and _share_of_phones(tier, phone_set) >= _MOST
+        if _simplify_name(tier.name) not in WORD_TIER_NAMES | {"stress"}
+        and _compute_phone_share(tier, phone_set) >= _MOST
     ]
     if not candidates:
         raise DataError(
@@ -148,7 +173,7 @@ def find_phone_tier(labels: Labels, phone_set: PhoneSet | None = None) -> Tier:
     return max(candidates, key=lambda tier: len(tier.entries))
 
 
-def _share_of_phones(tier: Tier, phone_set: PhoneSet | None) -> float:
+def _compute_phone_share(tier: Tier, phone_set: PhoneSet | None) -> float:
     texts = [entry.text.strip() for entry in tier.entries if entry.text.strip()]
     if not texts:
         return 0.0
@@ -160,28 +185,57 @@ def _share_of_phones(tier: Tier, phone_set: PhoneSet | None) -> float:
 
 
 def find_word_tier(labels: Labels) -> Tier | None:
-    """The first tier of intervals that is named as one of words; None without one."""
-    return next(iter(_named(labels, WORD_TIER_NAMES)), None)
+    """Find the tier of words by its name.
+
+    Parameters
+    ----------
+    labels
+        Labels as read.
+
+    Returns
+    -------
+    Tier or None
+        The first such tier of intervals; None without one.
+    """
+    return next(iter(_select_named(labels, WORD_TIER_NAMES)), None)
 
 
-def text_at(tier: Tier, times: Collection[float]) -> list[str]:
-    """What a tier of intervals says at each time; empty where it says nothing.
+def get_texts(tier: Tier, times: Collection[float]) -> list[str]:
+    """Return the text of a tier of intervals at each time.
 
-    Of labels that overlap, the later one is heard.
+    Parameters
+    ----------
+    tier
+        The tier; of overlapping labels, the later one counts.
+    times
+        Times, seconds.
+
+    Returns
+    -------
+    list of str
+        The texts; empty where nothing is labelled.
     """
     entries = sorted(tier.entries, key=lambda entry: entry.start)
     starts = np.array([entry.start for entry in entries])
-    places = np.searchsorted(starts, np.array(list(times)), side="right") - 1
+    indices = np.searchsorted(starts, np.array(list(times)), side="right") - 1
     return [
-        entries[place].text if place >= 0 and time < entries[place].end else ""
-        for place, time in zip(places.tolist(), times, strict=True)
+        entries[index].text if index >= 0 and time < entries[index].end else ""
+        for index, time in zip(indices.tolist(), times, strict=True)
     ]
 
 
-def fill_gaps(labels: Labels) -> Labels:
-    """Labels whose tiers of intervals cover everything, with empty entries where they did not.
+def fill_label_gaps(labels: Labels) -> Labels:
+    """Fill the gaps of interval tiers with empty labels, as some formats require.
 
-    Some formats can only say where one label ends and the next begins.
+    Parameters
+    ----------
+    labels
+        Labels with or without gaps.
+
+    Returns
+    -------
+    Labels
+        Labels whose interval tiers cover the time from the start to the end.
     """
     tiers = []
     for tier in labels.tiers:
@@ -199,17 +253,26 @@ def fill_gaps(labels: Labels) -> Labels:
 
 
 def warn_left_out(labels: Labels, written: Collection[Tier], format_name: str) -> None:
-    """Warn of the tiers that a format has no place for.
+    """Warn of the tiers that a format cannot hold.
+
+    Parameters
+    ----------
+    labels
+        Labels to write.
+    written
+        Tiers that are written.
+    format_name
+        Name of the format for the message.
 
     Warns
     -----
     MocapFitWarning
-        If there are any; they are named.
+        If tiers are left out; they are named.
     """
     left_out = [tier.name for tier in labels.tiers if not any(tier is one for one in written)]
     if left_out:
         warnings.warn(
-            f"{format_name} has no place for: {', '.join(left_out)}. Write a TextGrid for all.",
+            f"{format_name} cannot hold: {', '.join(left_out)}. Write a TextGrid for all.",
             MocapFitWarning,
             stacklevel=4,
         )

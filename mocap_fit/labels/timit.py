@@ -10,17 +10,17 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from mocap_fit.errors import FileFormatError
-from mocap_fit.labels.readers import Label, Labels, Tier
 from mocap_fit.labels.text import (
-    head_lines,
-    label_text,
-    only_one,
+    create_line_error,
+    get_only,
+    get_utterance_name,
+    read_head_lines,
+    read_label_text,
     refuse_characters,
-    units,
-    utterance_name,
+    to_units,
 )
 from mocap_fit.labels.tiers import find_phone_tier, find_word_tier, warn_left_out
+from mocap_fit.labels.types import Label, Labels, Tier
 
 description = "TIMIT .phn and .wrd, times in samples"
 extensions = (".phn", ".wrd")
@@ -30,11 +30,22 @@ _LINE = re.compile(r"(-?\d{1,18})[ \t]+(-?\d{1,18})(?:[ \t]+(.*?))?[ \t]*")
 
 
 def sniff(path: str | os.PathLike[str]) -> bool:
-    """Whether the ending is TIMIT's and the lines hold two whole numbers and a label.
+    """Return whether the extension is TIMIT's and the lines hold two integers and a label.
 
-    Within, it looks as HTK's .lab does; only the name tells samples from units of 100 ns.
+    The content looks as that of an HTK .lab; only the extension distinguishes samples from units
+    of 100 ns.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    bool
+        Whether it looks like a TIMIT label file.
     """
-    lines = [line for line in head_lines(path) if line.strip()]
+    lines = [line for line in read_head_lines(path) if line.strip()]
     return (
         Path(path).suffix.lower() in extensions
         and bool(lines)
@@ -48,9 +59,14 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     Parameters
     ----------
     path
-        The file.
+        File to read.
     rate
-        Samples per second; 16000 where not given.
+        Sampling rate, hertz; 16,000 where not given.
+
+    Returns
+    -------
+    tuple of Labels
+        The only utterance of the file.
 
     Raises
     ------
@@ -59,43 +75,53 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     """
     file = Path(path)
     words = file.suffix.lower() == ".wrd"
-    tiers = [_tier(file, "word" if words else "phone", rate or SAMPLE_RATE)]
+    tiers = [_read_tier(file, "word" if words else "phone", rate or SAMPLE_RATE)]
     beside = file.with_suffix(".WRD" if file.suffix.isupper() else ".wrd")
     if not words and beside.is_file() and beside.stat().st_size:
-        tiers.append(_tier(beside, "word", rate or SAMPLE_RATE))
+        tiers.append(_read_tier(beside, "word", rate or SAMPLE_RATE))
     end = max((entry.end for tier in tiers for entry in tier.entries), default=0.0)
-    return (Labels(tuple(tiers), 0.0, end, name=utterance_name(path)),)
+    return (Labels(tuple(tiers), 0.0, end, name=get_utterance_name(path)),)
 
 
-def _tier(path: Path, name: str, rate: float) -> Tier:
+def _read_tier(path: Path, name: str, rate: float) -> Tier:
     entries = []
-    for number, line in enumerate(label_text(path).split("\n"), start=1):
+    for number, line in enumerate(read_label_text(path).split("\n"), start=1):
         if not line.strip():
             continue
         match = _LINE.fullmatch(line.strip())
         if match is None:
-            raise FileFormatError(
-                "this is no label of TIMIT",
-                path=path,
-                line=number,
-                found=f"'{line.strip()}'",
-                expected="first sample, last sample, label",
+            raise create_line_error(
+                path, number, line.strip(), "TIMIT", "first sample, last sample, label"
             )
         entries.append(Label(int(match[1]) / rate, int(match[2]) / rate, match[3] or ""))
     return Tier(name, tuple(entries))
 
 
-def text(
+def to_text(
     utterances: Sequence[Labels], path: str | os.PathLike[str], *, rate: float | None = None
 ) -> str:
-    """Lines of the phones, or of the words for a .wrd; other tiers are left out.
+    """Return the lines of the phones, or of the words for a .wrd; other tiers are left out.
+
+    Parameters
+    ----------
+    utterances
+        Exactly one utterance.
+    path
+        File that will be written; ``.wrd`` selects the words.
+    rate
+        Sampling rate, hertz; 16,000 where not given.
+
+    Returns
+    -------
+    str
+        Content of the file.
 
     Raises
     ------
     DataError
         If a label holds the end of a line or begins or ends with a blank.
     """
-    labels = only_one(utterances, "TIMIT")
+    labels = get_only(utterances, "TIMIT")
     words = Path(path).suffix.lower() == ".wrd"
     tier = find_word_tier(labels) if words else None
     if tier is None:
@@ -104,6 +130,6 @@ def text(
     refuse_characters(tier.entries, "\n\r\0", "TIMIT", outer_blanks=True)
     rate = rate or SAMPLE_RATE
     return "".join(
-        f"{units(entry.start, rate)} {units(entry.end, rate)} {entry.text}\n"
+        f"{to_units(entry.start, rate)} {to_units(entry.end, rate)} {entry.text}\n"
         for entry in tier.entries
     )

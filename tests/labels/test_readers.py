@@ -13,9 +13,9 @@ from mocap_fit.labels import (
     Label,
     Labels,
     Tier,
+    find_label_faults,
     find_phone_tier,
     find_word_tier,
-    label_faults,
     read_labels,
     read_phones,
     retime,
@@ -97,7 +97,7 @@ def test_all_faults_are_listed():
         (0.1, 0.15, "f"),
         (0.8, 1.2, "g"),
     )
-    found = [(fault.kind, fault.text) for fault in label_faults(labels(bad))]
+    found = [(fault.kind, fault.text) for fault in find_label_faults(labels(bad))]
     assert found == [
         ("gap", "a"),
         ("gap", "b"),
@@ -109,9 +109,9 @@ def test_all_faults_are_listed():
         ("gap", "g"),
         ("outside", "g"),
     ]
-    assert not label_faults(labels(WORDS, PHONES))
+    assert not find_label_faults(labels(WORDS, PHONES))
     points = tier("tones", (0.5, 0.5, "H"), (0.2, 0.2, "L"), (3, 3, "x"), kind="point")
-    assert [f.kind for f in label_faults(labels(points))] == ["order", "outside"]
+    assert [f.kind for f in find_label_faults(labels(points))] == ["order", "outside"]
     with pytest.raises(DataError, match=r"4 labels of 'take' have .* times: overlap at 0\.4"):
         to_phones(labels(bad))
 
@@ -140,7 +140,7 @@ def test_phones_are_written_and_read_again(tmp_path, name):
     again = read_phones(tmp_path / name, phone_set="en-arpabet")
     spoken = [s for s in again if s.phone != "sil"]
     assert spoken == list(sequence())
-    assert not label_faults(read_labels(tmp_path / name))
+    assert not find_label_faults(read_labels(tmp_path / name))
     assert again[0] == PhoneSegment(0.0, 0.25, "sil")
 
 
@@ -199,7 +199,7 @@ def test_the_287_labels_of_grid_read(data_folder, tmp_path):
         for path in paths:
             read = read_phones(path, phone_set="en-arpabet")
             assert all((s.phone == "sil") == (s.word == "") for s in read)
-            assert not label_faults(read_labels(path))
+            assert not find_label_faults(read_labels(path))
 
 
 @pytest.mark.real_data

@@ -100,7 +100,7 @@ def errors(aligner, folder, name):
     boundary within it is left out.
     """
     labels = "bobby_phones" if name == "bobby" else name
-    truth = [e.start for e in read_labels(folder / f"{labels}.TextGrid").tier("phone").entries[1:]]
+    truth = [e.start for e in read_labels(folder / f"{labels}.TextGrid").get_tier("phone").entries[1:]]
     phones = [s for s in aligner.align(folder / f"{name}.wav", SENTENCES[name]) if s.word]
     found = [s.start for s in phones] + [phones[-1].end]
     del found[{"mary": -2, "bobby": 7}[name]]

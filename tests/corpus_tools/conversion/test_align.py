@@ -8,7 +8,7 @@ import pytest
 from corpus_tools.cli import app as cli
 from corpus_tools.conversion.align import run, transcripts
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
-from mocap_fit.labels import label_faults, read_labels, read_phones
+from mocap_fit.labels import find_label_faults, read_labels, read_phones
 
 
 def sounds(folder, *names):
@@ -79,7 +79,7 @@ def test_sounds_become_textgrids_and_a_bad_one_is_left_out(data_folder, tmp_path
     assert [one["utterance"] for one in result["aligned"]] == ["mary", "bobby"]
     assert [one["utterance"] for one in result["failed"]] == ["bad"]
     assert sorted(path.name for path in out.iterdir()) == ["bobby.TextGrid", "mary.TextGrid"]
-    assert not label_faults(read_labels(out / "mary.TextGrid"))
+    assert not find_label_faults(read_labels(out / "mary.TextGrid"))
     phones = read_phones(out / "mary.TextGrid", phone_set="en-arpabet")
     assert len(phones) == result["aligned"][0]["phones"]
     text.write_text("mary\tqqq\nbad\tHello zzzz\nbobby\txxxx\n")

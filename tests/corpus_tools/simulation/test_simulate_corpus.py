@@ -14,7 +14,7 @@ from corpus_tools.simulation.writing import is_test
 from mocap_fit.face import load_face
 from mocap_fit.io import read_tracks
 from mocap_fit.labels import read_phones
-from mocap_fit.labels.readers import read_labels
+from mocap_fit.labels import read_labels
 from mocap_fit.phones import load_phone_set, normalise_phones
 from mocap_fit.sound import decode_pulses, energy_db, read_sound
 from mocap_fit.tracks import read_parquet
@@ -84,8 +84,8 @@ def test_labels_are_phones_of_the_set_with_their_stress(corpus):
     for entry in entries(manifest, corpus):
         file = corpus / "labels" / f"{entry.id}.TextGrid"
         labels = read_labels(file)
-        assert {label.text for label in labels.tier("phones").entries} <= symbols
-        words = [label.text for label in labels.tier("words").entries if label.text]
+        assert {label.text for label in labels.get_tier("phones").entries} <= symbols
+        words = [label.text for label in labels.get_tier("words").entries if label.text]
         assert " ".join(words).lower() == entry.text.lower().replace(",", "").rstrip(".?")
         phones = normalise_phones(read_phones(file), phone_set)
         assert phones.find_gaps() == ()
