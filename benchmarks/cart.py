@@ -45,9 +45,9 @@ from numpy.typing import NDArray
 from sklearn.tree import DecisionTreeRegressor
 
 from mocap_fit.control.cart import Cart
-from mocap_fit.control.cart.contexts import resistance_of
-from mocap_fit.control.cart.examples import Examples, collect, read_corpus
-from mocap_fit.control.cart.learning import binned
+from mocap_fit.control.cart.contexts import look_up_resistance
+from mocap_fit.control.cart.examples import TrainingSegments, collect, read_corpus
+from mocap_fit.control.cart.learning import divide_into_bins
 from mocap_fit.corpus import Corpus, Utterance, open_corpus
 from mocap_fit.phones import (
     ARTICULATORY_PARAMETERS,
@@ -69,15 +69,15 @@ PEER_EVERY = {"made": (4, 4), "simulated": (1, 4), "grid_s1": (1, 1)}
 WAYS: dict[str, dict[str, Any]] = {
     "defaults": {},
     "every gain above 0, not pruned": {
-        "least_gain": 0.0,
+        "min_impurity_decrease": 0.0,
         "pruning": "none",
         "phone_order": "node",
     },
-    "as the paper has it": {"least_gain": 0.0, "pruning": "each", "phone_order": "node"},
+    "as the paper has it": {"min_impurity_decrease": 0.0, "pruning": "each", "phone_order": "node"},
     "phones ordered in each node": {"phone_order": "node"},
     "each tree its own strength": {"pruning": "each"},
     "one standard error": {"one_standard_error": True},
-    "phone means": {"smallest": 10**9},
+    "phone means": {"min_samples_leaf": 10**9},
 }
 
 
@@ -93,7 +93,7 @@ def made_corpus(utterances: int) -> Corpus:
     features = np.array([phone_set.get_features(s) for s in phone_set.list_symbols()])
     goals = features @ rng.normal(0, 0.25, (features.shape[1], len(names)))
     goals += rng.normal(0, 0.15, goals.shape)
-    resists = np.array([resistance_of(phone_set, s, names) for s in phone_set.list_symbols()])
+    resists = np.array([look_up_resistance(phone_set, s, names) for s in phone_set.list_symbols()])
     strength = np.where(resists, 2.0, 0.5) * np.exp(rng.normal(0, 0.3, goals.shape))
     fading = np.exp(rng.normal(np.log(18.0), 0.3, goals.shape))
     place = {s: i for i, s in enumerate(phone_set.list_symbols())}
@@ -129,7 +129,7 @@ def made_corpus(utterances: int) -> Corpus:
 
 
 def simulated_corpus(utterances: int) -> Corpus:
-    """What `mocap-fit simulate` says and moves, without the recording of it."""
+    """Simulate what `mocap-fit simulate` says and moves, without its markers."""
     from corpus_tools.simulation.articulation import Articulator
     from corpus_tools.simulation.durations import spoken
     from corpus_tools.simulation.sentences import load_language
@@ -152,7 +152,7 @@ def simulated_corpus(utterances: int) -> Corpus:
 
 
 def real_corpus(data: Path, converted: Path | None) -> Corpus | None:
-    """The folder grid_s1 as a corpus; None where it is not there."""
+    """Convert the folder grid_s1 to a corpus; None where it is missing."""
     if converted is not None:
         return in_memory(open_corpus(converted))
     if not (data / "grid_s1").is_dir():
@@ -167,7 +167,7 @@ def real_corpus(data: Path, converted: Path | None) -> Corpus | None:
 
 
 def in_memory(corpus: Corpus) -> Corpus:
-    """A corpus whose files are not read again."""
+    """Copy a corpus, so that its files are not read again."""
     parts = [
         Utterance.from_tracks(u.read_tracks(), u.read_phones(), id=u.id, split=u.split)
         for u in corpus
@@ -186,15 +186,17 @@ class Task(NamedTuple):
     rows: NDArray[np.int64]
 
 
-def segments_of(corpus: Corpus, model: Cart) -> tuple[Examples, NDArray[np.int64], FloatArray]:
-    """All segments of a corpus; of each its utterance, and what the model selects for it."""
+def segments_of(
+    corpus: Corpus, model: Cart
+) -> tuple[TrainingSegments, NDArray[np.int64], FloatArray]:
+    """Collect all segments of a corpus, the utterance of each, and the targets of a model."""
     phones, found = read_corpus(corpus)
     owner = np.repeat(np.arange(len(phones)), [len(sequence) for sequence in phones])
-    selected = np.concatenate([model.targets(sequence) for sequence in phones])
+    selected = np.concatenate([model.select_targets(sequence) for sequence in phones])
     return collect(phones, found, model._reader, model.by_stress), owner, selected
 
 
-def named(train: Examples, test: Examples) -> list[tuple[str, int]]:
+def named(train: TrainingSegments, test: TrainingSegments) -> list[tuple[str, int]]:
     """Phones and parameters that have targets in both parts, those with few examples first."""
     found = []
     for symbol in np.unique(train.symbols):
@@ -206,8 +208,8 @@ def named(train: Examples, test: Examples) -> list[tuple[str, int]]:
     return [(symbol, p) for _, symbol, p in sorted(found)]
 
 
-def task(model: Cart, train: Examples, test: Examples, symbol: str, p: int) -> Task:
-    """The targets and questions of a phone and a parameter, as columns."""
+def task(model: Cart, train: TrainingSegments, test: TrainingSegments, symbol: str, p: int) -> Task:
+    """Collect the targets and questions of a phone and a parameter, as columns."""
     rows, new = (
         np.flatnonzero((part.symbols == symbol) & np.isfinite(part.targets[:, p]))
         for part in (train, test)
@@ -215,7 +217,7 @@ def task(model: Cart, train: Examples, test: Examples, symbol: str, p: int) -> T
     has_sound = 2 * np.isfinite(train.energies[rows]).sum() >= len(rows)
     targets = train.targets[rows, p]
     columns = []
-    for question, a in zip(model.questions_, model._of_attribute, strict=True):
+    for question, a in zip(model.questions_, model._attributes, strict=True):
         if question.attribute.needs_sound and not has_sound:
             continue
         mine, theirs = (
@@ -223,7 +225,7 @@ def task(model: Cart, train: Examples, test: Examples, symbol: str, p: int) -> T
             for part, own in ((train, rows), (test, new))
         )
         if not question.is_open:
-            members = model.alphabet.members(question.phone_class, question.phones)
+            members = model.alphabet.mark_members(question.phone_class, question.phones)
             columns.append((members[mine], members[theirs]))
         elif question.attribute.is_phone:
             counts = np.bincount(mine, minlength=model.alphabet.levels)
@@ -231,7 +233,7 @@ def task(model: Cart, train: Examples, test: Examples, symbol: str, p: int) -> T
             means = np.where(counts > 0, means, targets.mean())
             columns.append((means[mine], means[theirs]))
         else:
-            levels, edges = binned(mine)
+            levels, edges = divide_into_bins(mine)
             others = np.searchsorted(edges, theirs, side="left")
             columns.append((levels, np.where(np.isfinite(theirs), others, len(edges) + 1)))
     before, after = (np.stack(part, axis=1) for part in zip(*columns, strict=True))
@@ -310,7 +312,7 @@ class PeerTree:
 
 
 def peer(task: Task) -> tuple[PeerTree, float]:
-    """A tree, and the alpha of the least error over ten folds."""
+    """Grow a tree, and find the alpha of the least error over ten folds."""
     count = len(task.targets)
     whole = PeerTree(task.questions, task.targets)
     own = np.unique(whole.alphas[whole.alphas >= 0])
@@ -372,7 +374,7 @@ def compared(name: str, train: Corpus, test: Corpus, quick: bool) -> dict[str, A
         "interval": [difference.mean() - half, difference.mean() + half],
         "no_worse": bool(difference.mean() - half <= 0),
         "leaves": model.parameter_count / len(model.trees_),
-        "strength": model.strength_,
+        "ccp_alpha": model.ccp_alpha_,
     }
 
 

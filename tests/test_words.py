@@ -95,7 +95,6 @@ PENDING = (
     "corpus_tools/talking",
     "corpus_tools/training",
     "corpus_tools/validation",
-    "mocap_fit/control/cart",
     "mocap_fit/evaluation",
     "mocap_fit/synthesis",
 )

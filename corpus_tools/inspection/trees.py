@@ -12,10 +12,10 @@ from mocap_fit.control import load
 from mocap_fit.control.cart import (
     Cart,
     Reason,
+    compute_importances,
+    explain_targets,
+    export_text,
     find_tree,
-    importance,
-    reasons,
-    tree_text,
     write_tree,
 )
 from mocap_fit.errors import DataError
@@ -68,11 +68,11 @@ def run(
         write_tree(loaded, key, svg)
     if explain is not None:
         parameter = None if key is None else loaded.parameter_names_[key.parameter]
-        found = reasons(loaded, _phones(loaded, explain), parameter=parameter)
+        found = explain_targets(loaded, _phones(loaded, explain), parameter=parameter)
         chosen = [each for each in found if key is None or each.tree == key.of]
         _print([dataclasses.asdict(each) for each in chosen], _told(chosen), as_json)
     elif key is not None:
-        text = tree_text(loaded, key)
+        text = export_text(loaded, key)
         _print({"tree": tree, "text": text.splitlines()}, text, as_json)
     else:
         _show_importance(loaded, as_json)
@@ -103,7 +103,7 @@ def _phones(model: Cart, path: Path) -> PhoneSequence:
 
 
 def _show_importance(model: Cart, as_json: bool) -> None:
-    found = importance(model)
+    found = compute_importances(model)
     if as_json:
         console.print_json({"importance": found})
         return

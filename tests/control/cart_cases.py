@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mocap_fit.control.cart.growing import Asked
+from mocap_fit.control.cart.arrays import QuestionTable, Sample
 from mocap_fit.control.cart.kernel import FIXED, ORDERED, SUBSET
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.phones import PhoneSegment, PhoneSequence, load_phone_set
@@ -13,11 +13,11 @@ RATE = 100.0
 SWEDISH = load_phone_set("sv-sta")
 
 
-def asked(phone_levels=12, bins=8):
+def question_table(phone_levels=12, bins=8):
     """A class, an open question about the same phone, one about another, and a number."""
     members = np.zeros((4, max(phone_levels, bins + 2)), dtype=np.uint8)
     members[0, :4] = 1
-    return Asked(
+    return QuestionTable(
         np.array([0, 0, 1, 2]),
         np.array([FIXED, SUBSET, SUBSET, ORDERED]),
         members,
@@ -35,7 +35,7 @@ def examples(count, seed=0, phone_levels=12, bins=8, folds=10):
             rng.integers(0, bins, count),
         ]
     ).astype(np.uint8)
-    return levels, rng.normal(0.0, 1.0, count), rng.permutation(np.arange(count) % folds)
+    return Sample(levels, rng.normal(0.0, 1.0, count), rng.permutation(np.arange(count) % folds))
 
 
 def sentence(symbols, rng, name, phone_set, loud=None):

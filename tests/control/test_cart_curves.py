@@ -13,15 +13,17 @@ from scipy.interpolate import PchipInterpolator
 
 from mocap_fit.control.cart import (
     Cart,
+    explain_targets,
+    export_svg,
+    export_text,
     find_tree,
-    reasons,
-    tree_svg,
-    tree_text,
     write_tree,
 )
 from mocap_fit.control.cart.closures import Closure
-from mocap_fit.control.cart.curves import INTERPOLATIONS, curve
+from mocap_fit.control.cart.curves import interpolate
 from mocap_fit.errors import DataError, FileFormatError
+
+INTERPOLATIONS = ("cubic", "linear", "cosine")
 
 
 @pytest.fixture(scope="module")
@@ -38,17 +40,17 @@ def test_curves_go_through_the_targets_and_stay_between_them(interpolation):
     centres = np.cumsum(rng.uniform(0.05, 0.2, 12))
     values = rng.normal(0, 1, (12, 3))
     np.testing.assert_allclose(
-        curve(centres, values, centres, interpolation=interpolation), values, atol=1e-12
+        interpolate(centres, values, centres, interpolation=interpolation), values, atol=1e-12
     )
     times = np.linspace(centres[0] - 0.2, centres[-1] + 0.2, 2000)
-    found = curve(centres, values, times, interpolation=interpolation)
+    found = interpolate(centres, values, times, interpolation=interpolation)
     before = np.clip(np.searchsorted(centres, times, side="right") - 1, 0, 10)
     pair = np.stack([values[before], values[before + 1]])
     assert (found >= pair.min(axis=0) - 1e-12).all()
     assert (found <= pair.max(axis=0) + 1e-12).all()
     np.testing.assert_allclose(found[[0, -1]], values[[0, -1]], atol=1e-12)
     middle = 0.5 * (centres[:-1] + centres[1:])
-    halves = curve(centres, values, middle, interpolation=interpolation)
+    halves = interpolate(centres, values, middle, interpolation=interpolation)
     if interpolation == "cubic":
         np.testing.assert_allclose(halves, PchipInterpolator(centres, values)(middle))
     else:
@@ -56,7 +58,7 @@ def test_curves_go_through_the_targets_and_stay_between_them(interpolation):
 
 
 def test_one_target_is_a_constant():
-    found = curve(np.array([0.3]), np.array([[0.5, -1.0]]), np.array([0.0, 0.3, 9.0]))
+    found = interpolate(np.array([0.3]), np.array([[0.5, -1.0]]), np.array([0.0, 0.3, 9.0]))
     np.testing.assert_array_equal(found, [[0.5, -1.0]] * 3)
 
 
@@ -73,9 +75,9 @@ def test_smoothing_lowers_the_bends_and_keeps_a_constant():
     rng = np.random.default_rng(1)
     centres, values = np.cumsum(rng.uniform(0.05, 0.1, 30)), rng.normal(0, 1, (30, 1))
     times = np.arange(centres[0], centres[-1], 0.005)
-    plain, smooth = (curve(centres, values, times, smoothing=s)[:, 0] for s in (0.0, 0.03))
+    plain, smooth = (interpolate(centres, values, times, smoothing=s)[:, 0] for s in (0.0, 0.03))
     assert np.abs(np.diff(smooth, 2)).max() < 0.5 * np.abs(np.diff(plain, 2)).max()
-    np.testing.assert_allclose(curve(centres, values * 0 + 2.0, times, smoothing=0.03), 2.0)
+    np.testing.assert_allclose(interpolate(centres, values * 0 + 2.0, times, smoothing=0.03), 2.0)
 
 
 @settings(deadline=None, max_examples=30)
@@ -96,10 +98,10 @@ def test_a_closure_is_kept_at_every_time_that_is_held(seed, interpolation, smoot
     values = rng.normal(0, 1, (10, 2))
     times = np.linspace(0, ends[-1], 3001)
     options = {"interpolation": interpolation, "smoothing": smoothing}
-    closed = curve(
+    closed = interpolate(
         centres, values, times, closures={1: Closure(0.1, opening)}, held=held, **options
     )
-    free = curve(centres, values, times, **options)
+    free = interpolate(centres, values, times, **options)
     inside = ((times[:, None] >= held[:, 0]) & (times[:, None] <= held[:, 1])).any(axis=1)
     assert (opening * closed[inside, 1] <= opening * 0.1 + 1e-12).all()
     np.testing.assert_array_equal(closed[:, 0], free[:, 0])
@@ -124,7 +126,7 @@ def test_bilabial_stops_close_at_every_rate(bound):
     limit = kept.closures_[2].bound
     assert kept.closures_[2].opening == 1
     assert limit == pytest.approx(0.1 if bound == 0.1 else 0.06, abs=0.3)
-    assert free.targets(new)[2, 2] > limit + 0.1
+    assert free.select_targets(new)[2, 2] > limit + 0.1
     for rate in (25.0, 100.0, 1000.0):
         tracks = kept.predict(new, rate)
         times = tracks.start_time + np.arange(len(tracks.values)) / rate
@@ -171,27 +173,27 @@ def test_a_stream_gives_frames_as_soon_as_they_are_sure(interpolation, smoothing
 
 def test_reasons_say_the_way_to_every_target(model):
     new = phones_of("sil L O: K A sil")
-    all_of_them = reasons(model, new)
+    all_of_them = explain_targets(model, new)
     assert len(all_of_them) == len(new) * len(NAMES)
-    values = model.targets(new)
+    values = model.select_targets(new)
     for each in all_of_them:
         assert each.target == values[each.segment, NAMES.index(each.parameter)]
-    (why,) = reasons(model, new, segment=1, parameter="lip_rounding")
+    (why,) = explain_targets(model, new, segment=1, parameter="lip_rounding")
     assert [answer.question for answer in why.answers] == ["right phone"]
-    assert why.answers[0].found == "O:"
-    assert why.answers[0].taken == "O:"
+    assert why.answers[0].value == "O:"
+    assert why.answers[0].branch == "O:"
     assert "right phone: O: -> O:" in str(why)
-    (why,) = reasons(model, new, segment=3, parameter="jaw_rotation")
+    (why,) = explain_targets(model, new, segment=3, parameter="jaw_rotation")
     assert why.backed_off
     assert why.tree == "consonant"
     for wrong in ({"segment": 99}, {"parameter": "nose"}):
         with pytest.raises(DataError):
-            reasons(model, new, **wrong)
+            explain_targets(model, new, **wrong)
 
 
 def test_trees_are_drawn(model, tmp_path):
     key = find_tree(model, "L/lip_rounding")
-    text = tree_text(model, key)
+    text = export_text(model, key)
     assert text.splitlines()[0].startswith("L / lip_rounding: 2 leaves")
     assert "right phone?" in text
     path = tmp_path / "tree.svg"
@@ -201,7 +203,7 @@ def test_trees_are_drawn(model, tmp_path):
     assert "right phone?" in words
     assert "O:" in words
     assert sum(word.startswith("n ") for word in words) == 3
-    assert path.read_text(encoding="utf-8") == tree_svg(model, key)
+    assert path.read_text(encoding="utf-8") == export_svg(model, key)
     with pytest.raises(FileFormatError, match="cannot be written"):
         write_tree(model, key, tmp_path / "none" / "tree.svg")
     for name in ("L", "L/nose", "K/lip_rounding"):
@@ -218,9 +220,9 @@ def test_boxes_of_a_drawing_do_not_overlap():
     def rule(phones, i):
         return neighbour(phones, i, -1) < neighbour(phones, i, 1), phones[i].duration * 5, 0.0
 
-    found = Cart(least_gain=0.0, pruning="none").fit(corpus(rule, count=30, noise=0.1))
+    found = Cart(min_impurity_decrease=0.0, pruning="none").fit(corpus(rule, count=30, noise=0.1))
     key = max(found.trees_, key=lambda key: found.trees_[key].leaves)
-    root = ElementTree.fromstring(tree_svg(found, key))
+    root = ElementTree.fromstring(export_svg(found, key))
     boxes = [
         [float(element.get(name)) for name in ("x", "y", "width", "height")]
         for element in root.iter()
@@ -241,7 +243,7 @@ def test_the_same_corpus_gives_the_same_file_whatever_is_learned_before(tmp_path
     spoken = corpus(rounded_ahead, count=10, noise=0.05)
     for name in "ab":
         Cart().fit(spoken).save(tmp_path / name)
-        Cart(seed=1).fit(corpus(lips, count=3))
+        Cart(random_state=1).fit(corpus(lips, count=3))
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
-    other = Cart(seed=1).fit(spoken)
+    other = Cart(random_state=1).fit(spoken)
     assert json.dumps(other.get_params()) != json.dumps(Cart().get_params())

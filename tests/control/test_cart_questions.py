@@ -52,7 +52,7 @@ def test_questions_of_ones_own_are_asked_and_kept_in_the_file(tmp_path):
     assert again.get_params()["questions"] == TABLE
     assert Cart(questions=TABLE).fit(spoken).get_params() == found.get_params()
     new = phones_of("sil T P L A S B L sil")
-    np.testing.assert_array_equal(again.targets(new), found.targets(new))
+    np.testing.assert_array_equal(again.select_targets(new), found.select_targets(new))
     names = [question.name for question in found.questions_]
     assert "right phone is A or O" in names
     assert "second phone to the right is a vowel" in names
@@ -67,19 +67,19 @@ def test_questions_of_ones_own_are_asked_and_kept_in_the_file(tmp_path):
         ("question = 3\n[x]\n", "not understood"),
         ('[[question]]\nask = "weather"\nat = 1', "'ask' is unknown"),
         ('[[question]]\nask = "phone"\nat = 0', "a tree is of one phone"),
-        ('[[question]]\nask = "phone"\nat = 1.5', "'at' is no place"),
-        ('[[question]]\nask = "phone"\nat = 99', "'at' is no place"),
-        ('[[question]]\nask = "phone"\nat = true', "'at' is no place"),
+        ('[[question]]\nask = "phone"\nat = 1.5', "'at' is not the position"),
+        ('[[question]]\nask = "phone"\nat = 99', "'at' is not the position"),
+        ('[[question]]\nask = "phone"\nat = true', "'at' is not the position"),
         ('[[question]]\nask = "phone"\nat = 1\nsize = 2', "no setting 'size'"),
         ('[[question]]\nask = "class"\nat = 1', "class of phones is not stated"),
         ('[[question]]\nask = "class"\nat = 1\nclass = "nice"', "class of phones"),
         ('[[question]]\nask = "duration"\nat = 1\nclass = "vowel"', "class of phones"),
-        ('[[question]]\nask = "phone"\nat = 1\nphones = []', "no list of phones"),
-        ('[[question]]\nask = "duration"\nat = 1\nphones = ["A"]', "no list of phones"),
+        ('[[question]]\nask = "phone"\nat = 1\nphones = []', "not a list of phones"),
+        ('[[question]]\nask = "duration"\nat = 1\nphones = ["A"]', "not a list of phones"),
         ('[[question]]\nask = "phone"\nat = 1\nphones = ["Q9"]', "phone set lacks"),
         ('[[question]]\nask = "feature"\nat = 1', "feature is not stated"),
         ('[[question]]\nask = "feature"\nat = 1\nfeature = "nice"', "feature is not stated"),
-        ('[[question]]\nask = "phone"\nat = 1\nname = 3', "'name' is no text"),
+        ('[[question]]\nask = "phone"\nat = 1\nname = 3', "'name' is not a text"),
     ],
 )
 def test_a_bad_table_of_questions_is_refused(table, words):
@@ -88,6 +88,6 @@ def test_a_bad_table_of_questions_is_refused(table, words):
 
 
 def test_a_table_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(ConfigurationError, match=r"none\.toml"):
+    with pytest.raises(FileNotFoundError, match=r"none\.toml"):
         Cart(questions=str(tmp_path / "none.toml")).fit(corpus(rounded_ahead, count=1))
     assert read_questions("") == ()

@@ -14,7 +14,7 @@ from mocap_fit.tracks import FloatArray
 
 
 class Closure(NamedTuple):
-    """What a parameter keeps to in the middle of a bilabial stop.
+    """The bound of a parameter in the middle of a bilabial stop.
 
     Parameters
     ----------
@@ -27,88 +27,110 @@ class Closure(NamedTuple):
     bound: float
     opening: int
 
-    def kept(self, value: FloatArray) -> FloatArray:
-        """Values that are not more open than the bound."""
-        return np.minimum(value, self.bound) if self.opening > 0 else np.maximum(value, self.bound)
+    def clip(self, values: FloatArray) -> FloatArray:
+        """Limit values to those that are not more open than the bound.
+
+        Parameters
+        ----------
+        values
+            ``(times,)``, in the unit of the parameter.
+
+        Returns
+        -------
+        ndarray
+            ``(times,)``, in the unit of the parameter.
+        """
+        return (
+            np.minimum(values, self.bound) if self.opening > 0 else np.maximum(values, self.bound)
+        )
 
 
-def learned_closure(of_stops: FloatArray, of_others: FloatArray) -> Closure | None:
-    """Where lips are closed, as a corpus has it.
+def learn_closure(of_stops: FloatArray, of_vowels: FloatArray) -> Closure | None:
+    """Find where lips are closed: at the median target of the bilabial stops.
 
     Parameters
     ----------
     of_stops
-        Targets of bilabial stops; NaN where missing.
-    of_others
-        Targets of vowels.
+        Targets of bilabial stops, ``(stops,)``, in the unit of the parameter; NaN where missing.
+    of_vowels
+        Targets of vowels, ``(vowels,)``, in the unit of the parameter; NaN where missing.
 
     Returns
     -------
     Closure | None
-        At the median of the stops; open is where the median of the vowels is. None without stops.
+        It opens towards the median of the vowels; None without stops.
     """
-    stops, others = of_stops[np.isfinite(of_stops)], of_others[np.isfinite(of_others)]
+    stops, vowels = of_stops[np.isfinite(of_stops)], of_vowels[np.isfinite(of_vowels)]
     if not len(stops):
         return None
     bound = float(np.median(stops))
-    is_below = len(others) > 0 and float(np.median(others)) < bound
+    is_below = len(vowels) > 0 and float(np.median(vowels)) < bound
     return Closure(bound, -1 if is_below else 1)
 
 
-def learned_closures(
-    wanted: Mapping[str, Any],
+def learn_closures(
+    settings: Mapping[str, Any],
     parameter_names: Sequence[str],
     symbols: NDArray[np.str_],
     targets: FloatArray,
     phone_set: PhoneSet,
 ) -> dict[int, Closure]:
-    """The closures of the settings, from the targets of a corpus.
+    """Find the closures that the settings ask for in the targets of a corpus.
 
     Parameters
     ----------
-    wanted
+    settings
         By parameter a bound, or ``learned``.
     parameter_names
-        Of the targets.
-    symbols, targets
-        `(segments,)` and `(segments, parameters)`.
+        Names of the parameters.
+    symbols
+        Phone of each segment, ``(segments,)``.
+    targets
+        ``(segments, parameters)``, in the unit of each parameter; NaN where missing.
     phone_set
-        What the symbols are from.
+        The set of the symbols.
 
     Returns
     -------
     dict[int, Closure]
-        By parameter, from 0.
+        By index of the parameter.
 
     Raises
     ------
     DataError
-        If one is to be learned, and the corpus has no bilabial stop.
+        If one is to be learned and the corpus has no bilabial stop.
     """
-    if not wanted:
+    if not settings:
         return {}
     classes = {str(symbol): phone_set.get_classes(str(symbol)) for symbol in np.unique(symbols)}
     is_stop = np.array(["bilabial_stop" in classes[str(symbol)] for symbol in symbols])
     is_vowel = np.array(["vowel" in classes[str(symbol)] for symbol in symbols])
-    found: dict[int, Closure] = {}
-    for name, bound in wanted.items():
-        place = list(parameter_names).index(name)
-        closure = learned_closure(targets[is_stop, place], targets[is_vowel, place])
+    closures: dict[int, Closure] = {}
+    for name, bound in settings.items():
+        p = list(parameter_names).index(name)
+        closure = learn_closure(targets[is_stop, p], targets[is_vowel, p])
         if bound != "learned":
-            found[place] = Closure(float(bound), closure.opening if closure else 1)
+            closures[p] = Closure(float(bound), closure.opening if closure else 1)
         elif closure is None:
             raise DataError(
                 f"the closure of '{name}' cannot be learned",
                 found="no bilabial stop with a target",
-                advice="Give the value at which the lips are closed.",
+                advice="State the value at which the lips are closed.",
             )
         else:
-            found[place] = closure
-    return found
+            closures[p] = closure
+    return closures
 
 
 def check_closures(closures: Mapping[str, object], parameter_names: Sequence[str]) -> None:
-    """Refuse closures that cannot be.
+    """Check the closures of the settings.
+
+    Parameters
+    ----------
+    closures
+        By parameter a bound, or ``learned``.
+    parameter_names
+        Names of the parameters of the corpus.
 
     Raises
     ------
@@ -118,7 +140,7 @@ def check_closures(closures: Mapping[str, object], parameter_names: Sequence[str
     for name, bound in closures.items():
         if name not in parameter_names:
             raise ConfigurationError(
-                f"there is no parameter '{name}' to guarantee a closure of",
+                f"there is no parameter '{name}' to close the lips with",
                 expected=f"some of {', '.join(parameter_names)}",
             )
         is_number = isinstance(bound, (int, float)) and not isinstance(bound, bool)

@@ -1,14 +1,15 @@
-"""What the questions find: the attributes of the segments of an utterance, and their targets."""
+"""The attributes of the segments of an utterance that questions are about, and their targets."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mocap_fit.control.cart.arrays import ByteArray
 from mocap_fit.control.cart.questions import Attribute
 from mocap_fit.phones import (
     ARTICULATORY_PARAMETERS,
@@ -20,9 +21,7 @@ from mocap_fit.phones import (
 )
 from mocap_fit.tracks import FloatArray, ParameterTracks
 
-ByteArray = NDArray[np.uint8]
-
-#: The groups of phones that answer alike: combinations of the question classes, and what is left.
+#: The groups of similar phones: combinations of the question classes, and the other consonants.
 GROUPS = (
     "no_speech",
     "vowel",
@@ -32,17 +31,30 @@ GROUPS = (
     "fricative",
     "consonant",
 )
-#: Which group to go to where a group is not known.
+#: The larger group that each of them belongs to.
 KIND_OF_GROUP = dict.fromkeys(GROUPS, "consonant") | {
     "no_speech": "no_speech",
     "vowel": "vowel",
 }
-# Levels are bytes: none, the phones, a level for each group.
-_MOST_PHONES = 255 - len(GROUPS)
+# Levels are bytes: none, the phones, and a level for each group.
+_MAX_PHONES = 255 - len(GROUPS)
 
 
-def group_of(phone_set: PhoneSet, symbol: str) -> str:
-    """The group of `GROUPS` that a phone belongs to."""
+def get_group(phone_set: PhoneSet, symbol: str) -> str:
+    """Return the group of `GROUPS` that a phone belongs to.
+
+    Parameters
+    ----------
+    phone_set
+        The set of the phone.
+    symbol
+        The phone.
+
+    Returns
+    -------
+    str
+        One of `GROUPS`.
+    """
     classes = phone_set.get_classes(symbol)
     name = " ".join(each for each in QUESTION_CLASSES if each in classes)
     return name if name in GROUPS else "consonant"
@@ -50,17 +62,17 @@ def group_of(phone_set: PhoneSet, symbol: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Alphabet:
-    """The phones that a corpus has, as levels: small numbers that trees ask about.
+    """The phones of a corpus as levels: small integers that trees ask about.
 
-    Level 0 is no phone; then come the phones, then a level for each of `GROUPS`, which stands for
-    the phones of that group that the corpus does not have.
+    Level 0 is no phone; then come the phones, then a level for each of `GROUPS`, for the phones of
+    that group that the corpus does not have.
 
     Parameters
     ----------
     symbols
         The phones, without stress.
     phone_set
-        What they are written in.
+        The set that they are from.
     """
 
     symbols: tuple[str, ...]
@@ -72,50 +84,91 @@ class Alphabet:
         object.__setattr__(self, "_levels", levels)
 
     @classmethod
-    def of(cls, phones: dict[str, int], phone_set: PhoneSet) -> Alphabet:
-        """The alphabet of phones that were counted; of very many the commonest.
+    def from_counts(cls, counts: Mapping[str, int], phone_set: PhoneSet) -> Alphabet:
+        """Make the alphabet of the phones of a corpus; of very many the commonest.
 
         Parameters
         ----------
-        phones
-            How often each is in the corpus.
+        counts
+            How often each phone occurs.
         phone_set
-            Their set.
+            The set that they are from.
+
+        Returns
+        -------
+        Alphabet
+            In alphabetical order.
         """
-        commonest = sorted(phones, key=lambda symbol: (-phones[symbol], symbol))[:_MOST_PHONES]
+        commonest = sorted(counts, key=lambda symbol: (-counts[symbol], symbol))[:_MAX_PHONES]
         return cls(tuple(sorted(commonest)), phone_set)
 
     @property
     def levels(self) -> int:
-        """How many levels there are."""
+        """Number of levels."""
         return 1 + len(self.symbols) + len(GROUPS)
 
-    def level(self, symbol: str) -> int:
-        """The level of a phone: its own, or that of its group."""
+    def get_level(self, symbol: str) -> int:
+        """Return the level of a phone, or of its group where the corpus does not have it.
+
+        Parameters
+        ----------
+        symbol
+            The phone, without stress.
+
+        Returns
+        -------
+        int
+            At least 1.
+        """
         known = self._levels.get(symbol)
         if known is not None:
             return known
-        return 1 + len(self.symbols) + GROUPS.index(group_of(self.phone_set, symbol))
+        return 1 + len(self.symbols) + GROUPS.index(get_group(self.phone_set, symbol))
 
-    def names(self) -> tuple[str, ...]:
-        """What people call each level."""
+    def list_names(self) -> tuple[str, ...]:
+        """List the names of the levels, for people.
+
+        Returns
+        -------
+        tuple[str, ...]
+            One a level.
+        """
         others = (f"other {group.replace('_', ' ')}" for group in GROUPS)
         return ("none", *self.symbols, *others)
 
-    def groups(self) -> tuple[str, ...]:
-        """The group of each level; empty for none."""
-        own = (group_of(self.phone_set, symbol) for symbol in self.symbols)
-        return ("", *own, *GROUPS)
+    def list_groups(self) -> tuple[str, ...]:
+        """List the group of each level.
 
-    def members(self, phone_class: str, phones: Sequence[str]) -> ByteArray:
-        """1 for the levels of a class, or of some phones, `(levels,)`."""
+        Returns
+        -------
+        tuple[str, ...]
+            One a level; empty for no phone.
+        """
+        return ("", *(get_group(self.phone_set, symbol) for symbol in self.symbols), *GROUPS)
+
+    def mark_members(self, phone_class: str, phones: Sequence[str]) -> ByteArray:
+        """Mark the levels of a class, or of some phones.
+
+        Parameters
+        ----------
+        phone_class
+            One of `mocap_fit.phones.QUESTION_CLASSES`.
+        phones
+            Some phones; where there are any, the class does not count.
+
+        Returns
+        -------
+        ndarray
+            ``(levels,)``, 1 for those that belong, 0 for the others, no unit.
+        """
         if phones:
-            return np.array([name in phones for name in self.names()], dtype=np.uint8)
-        return np.array([phone_class in group.split() for group in self.groups()], dtype=np.uint8)
+            return np.array([name in phones for name in self.list_names()], dtype=np.uint8)
+        groups = self.list_groups()
+        return np.array([phone_class in group.split() for group in groups], dtype=np.uint8)
 
 
 @dataclass(frozen=True)
-class _Known:
+class _Label:
     """What is looked up once for each label: level, resistance, features."""
 
     level: int
@@ -124,24 +177,24 @@ class _Known:
 
 
 class ContextReader:
-    """Finds the attributes of the segments of utterances.
+    """Reads the attributes of the segments of utterances.
 
     Parameters
     ----------
     attributes
-        Which.
+        The attributes.
     alphabet
         The phones as levels.
     resistant
-        `(levels, parameters)`: which phones resist coarticulation in which parameter. Levels of
-        groups say nothing: what is not in the corpus is looked up in the phone set where
-        ``by_phone_set`` says so, and else does not resist.
+        Which phones resist coarticulation in which parameter, ``(levels, parameters)``. Levels of
+        groups say nothing: a phone that the corpus lacks is looked up in the phone set where
+        ``by_phone_set`` says so, and otherwise does not resist.
     parameter_names
         The face parameters.
     by_phone_set
-        `(parameters,)`: of which parameters the phone set says who resists.
+        In which parameters the phone set says which phones resist, ``(parameters,)``.
     reach
-        How many phones away the nearest resistant phone may be; farther, there is none.
+        How many phones away the nearest resistant phone may be; beyond, there is none.
     """
 
     def __init__(
@@ -155,83 +208,114 @@ class ContextReader:
     ) -> None:
         self.attributes = tuple(attributes)
         self.alphabet = alphabet
+        self.resistant = resistant
+        self.by_phone_set = by_phone_set
         self.reach = reach
-        self._resistant = resistant
         self._names = tuple(parameter_names)
-        self._by_phone_set = by_phone_set
         self._numbers: dict[tuple[str, int | None], int] = {}
-        self._kept: list[_Known] = []
-        # The first is the edge.
+        self._labels: list[_Label] = []
+        # The first is the silence around an utterance.
         self._look_up(PhoneSegment(0.0, 1.0, alphabet.phone_set.silence))
 
     def _look_up(self, segment: PhoneSegment) -> int:
-        """The number of a label among those that are kept."""
+        """Return the number of a label among those that are cached."""
         key = (segment.phone, segment.stress)
-        found = self._numbers.get(key)
-        if found is None:
+        number = self._numbers.get(key)
+        if number is None:
             phone_set = self.alphabet.phone_set
             symbol = phone_set.get_phone(segment).symbol
-            level = self.alphabet.level(symbol)
-            resists = self._resistant[level]
+            level = self.alphabet.get_level(symbol)
+            resists = self.resistant[level]
             if level > len(self.alphabet.symbols):
-                resists = resistance_of(phone_set, symbol, self._names) & self._by_phone_set
-            found = self._numbers[key] = len(self._kept)
-            self._kept.append(_Known(level, resists, phone_set.get_features(segment)))
-        return found
+                resists = look_up_resistance(phone_set, symbol, self._names) & self.by_phone_set
+            number = self._numbers[key] = len(self._labels)
+            self._labels.append(_Label(level, resists, phone_set.get_features(segment)))
+        return number
 
-    def columns(self, *utterances: PhoneSequence) -> list[NDArray[Any]]:
-        """The attributes of every segment, utterance by utterance, in order.
+    def read_columns(self, *utterances: PhoneSequence) -> list[NDArray[Any]]:
+        """Read the attributes of every segment, utterance by utterance, in order.
+
+        Parameters
+        ----------
+        *utterances
+            Their phones.
 
         Returns
         -------
-        list[NDArray[Any]]
-            Of each attribute `(segments,)`: levels for phones, else numbers, NaN where unknown.
-            Of resistant phones `(segments, parameters)`. Beyond the ends of an utterance is
-            silence, whose duration and energy are unknown.
+        list[ndarray]
+            Of each attribute ``(segments,)``: levels of phones, otherwise numbers (seconds, dB, or
+            no unit), NaN where unknown. Of resistant phones ``(segments, parameters)``. Around an
+            utterance is silence, whose duration and energy are unknown.
         """
-        # All in one row, with so much of an edge between that nobody sees beyond it.
+        # All in one row, with so much silence between that no question sees beyond it.
         apart = max([self.reach, *(abs(attribute.at) for attribute in self.attributes)])
         lengths = [len(phones) for phones in utterances]
         first = np.cumsum([0, *lengths[:-1]]) + apart * np.arange(1, len(lengths) + 1)
         count = sum(lengths) + apart * (len(lengths) + 1)
-        own = np.concatenate([np.arange(n) + at for n, at in zip(lengths, first, strict=True)])
+        inside = np.concatenate([np.arange(n) + at for n, at in zip(lengths, first, strict=True)])
         segments = [segment for phones in utterances for segment in phones]
-        known = np.zeros(count, dtype=np.int64)
-        known[own] = [self._look_up(segment) for segment in segments]
-        levels = np.array([each.level for each in self._kept], dtype=np.uint8)[known]
-        features = np.array([each.features for each in self._kept])
-        lasting, loud = np.full(count, np.nan), np.full(count, np.nan)
-        lasting[own] = [segment.end - segment.start for segment in segments]
-        loud[own] = energies(segments)
+        labels = np.zeros(count, dtype=np.int64)
+        labels[inside] = [self._look_up(segment) for segment in segments]
+        levels = np.array([each.level for each in self._labels], dtype=np.uint8)[labels]
+        features = np.array([each.features for each in self._labels])
+        durations, loudness = np.full(count, np.nan), np.full(count, np.nan)
+        durations[inside] = [segment.end - segment.start for segment in segments]
+        loudness[inside] = read_energies(segments)
         resists = np.zeros((count, len(self._names)), dtype=np.bool_)
-        resists[own] = np.array([each.resists for each in self._kept])[known[own]]
-        found: list[NDArray[Any]] = []
+        resists[inside] = np.array([each.resists for each in self._labels])[labels[inside]]
+        columns: list[NDArray[Any]] = []
         for attribute in self.attributes:
             at = attribute.at
             if attribute.kind == "resistant":
-                found.append(_nearest(levels, resists, at, self.reach)[own])
+                columns.append(_find_nearest(levels, resists, at, self.reach)[inside])
             elif attribute.kind == "phone":
-                found.append(levels[own + at])
+                columns.append(levels[inside + at])
             elif attribute.kind == "duration":
-                found.append(lasting[own + at])
+                columns.append(durations[inside + at])
             elif attribute.kind == "energy":
-                found.append(loud[own + at])
+                columns.append(loudness[inside + at])
             else:
                 name = "stress" if attribute.kind == "stress" else attribute.feature
-                found.append(features[known[own + at], FEATURE_NAMES.index(name)])
-        return found
+                columns.append(features[labels[inside + at], FEATURE_NAMES.index(name)])
+        return columns
 
 
-def energies(phones: Iterable[PhoneSegment]) -> FloatArray:
-    """Energy at the centre of each segment, dB; NaN where it is not known."""
-    found = [np.nan if s.energy_db is None else s.energy_db for s in phones]
-    return np.array(found, dtype=np.float64)
+def read_energies(phones: Iterable[PhoneSegment]) -> FloatArray:
+    """Read the energy at the centre of each segment.
+
+    Parameters
+    ----------
+    phones
+        The segments.
+
+    Returns
+    -------
+    ndarray
+        ``(segments,)``, dB; NaN where it is not known.
+    """
+    energies = [np.nan if s.energy_db is None else s.energy_db for s in phones]
+    return np.array(energies, dtype=np.float64)
 
 
-def resistance_of(
+def look_up_resistance(
     phone_set: PhoneSet, symbol: str, parameter_names: Sequence[str]
 ) -> NDArray[np.bool_]:
-    """In which parameters a phone resists, as its set says, `(parameters,)`."""
+    """Look up in which parameters a phone resists coarticulation, as its set says.
+
+    Parameters
+    ----------
+    phone_set
+        The set of the phone.
+    symbol
+        The phone.
+    parameter_names
+        The face parameters; the set knows `mocap_fit.phones.ARTICULATORY_PARAMETERS`.
+
+    Returns
+    -------
+    ndarray
+        ``(parameters,)``, true where it resists.
+    """
     return np.array(
         [
             name in ARTICULATORY_PARAMETERS and phone_set.is_resistant(symbol, name)
@@ -241,29 +325,37 @@ def resistance_of(
     )
 
 
-def _nearest(levels: ByteArray, resists: NDArray[np.bool_], at: int, reach: int) -> ByteArray:
-    """Levels of the nearest resistant phones in a direction, `(segments, parameters)`."""
+def _find_nearest(levels: ByteArray, resists: NDArray[np.bool_], at: int, reach: int) -> ByteArray:
+    """Find the levels of the nearest resistant phones in a direction, (segments, parameters)."""
     if at > 0:
-        return _nearest(levels[::-1], resists[::-1], -at, reach)[::-1]
+        return _find_nearest(levels[::-1], resists[::-1], -at, reach)[::-1]
     count, parameters = resists.shape
     # A row of nothing stands before the first segment.
     last = np.where(resists, np.arange(1, count + 1)[:, None], 0)
     last = np.concatenate([np.zeros((1, parameters), np.int64), np.maximum.accumulate(last)])
-    places, columns = last[:-1], np.arange(parameters)
+    nearest, columns = last[:-1], np.arange(parameters)
     for _ in range(-at - 1):
-        places = last[np.maximum(places - 1, 0), columns]
-    is_near = (places > 0) & (np.arange(1, count + 1)[:, None] - places <= reach)
-    return np.where(is_near, levels[np.maximum(places - 1, 0)], 0).astype(np.uint8)
+        nearest = last[np.maximum(nearest - 1, 0), columns]
+    is_near = (nearest > 0) & (np.arange(1, count + 1)[:, None] - nearest <= reach)
+    return np.where(is_near, levels[np.maximum(nearest - 1, 0)], 0).astype(np.uint8)
 
 
-def targets(tracks: ParameterTracks, phones: PhoneSequence) -> FloatArray:
-    """The articulatory targets: the parameters at the centre of each segment (section 5.1).
+def sample_targets(tracks: ParameterTracks, phones: PhoneSequence) -> FloatArray:
+    """Sample the articulatory targets: the parameters at the segments' centres (section 5.1).
+
+    Parameters
+    ----------
+    tracks
+        Parameters of the utterance.
+    phones
+        Its phones, on the same clock.
 
     Returns
     -------
-    FloatArray
-        `(segments, parameters)`, on the line between the two frames about the centre; NaN where
-        one of them is missing, and more than half a frame beyond the tracks.
+    ndarray
+        ``(segments, parameters)``, in the unit of each parameter, linear between the two frames
+        about the centre; NaN where one of them is missing, and more than half a frame beyond the
+        tracks.
     """
     values = tracks.values
     count = len(values)
@@ -278,6 +370,7 @@ def targets(tracks: ParameterTracks, phones: PhoneSequence) -> FloatArray:
     # A centre on a frame needs no other: the next may be missing, or beyond the end.
     on_frame = share < 1e-9
     after = np.minimum(before + 1, count - 1)
-    found = np.where(on_frame, values[before], (1 - share) * values[before] + share * values[after])
-    found[outside] = np.nan
-    return found
+    line = (1 - share) * values[before] + share * values[after]
+    targets = np.where(on_frame, values[before], line)
+    targets[outside] = np.nan
+    return targets

@@ -1,4 +1,4 @@
-"""From targets at the centres of segments to a curve over time (Krňoul & Železný section 5.1)."""
+"""Curves over time through targets at the centres of segments (Krňoul & Železný section 5.1)."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from mocap_fit.control.cart.closures import Closure
 from mocap_fit.tracks import FloatArray
 
 INTERPOLATIONS = ("cubic", "linear", "cosine")
-# The bell that smooths: its places in standard deviations, and its weights.
-_PLACES = np.linspace(-2.4, 2.4, 17)
-_WEIGHTS = np.exp(-0.5 * _PLACES**2) / np.exp(-0.5 * _PLACES**2).sum()
+# The Gaussian that smooths: its nodes in standard deviations, and its weights.
+_NODES = np.linspace(-2.4, 2.4, 17)
+_WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
 
 
-def curve(
+def interpolate(
     centres: FloatArray,
     targets: FloatArray,
     times: FloatArray,
@@ -26,33 +26,33 @@ def curve(
     closures: Mapping[int, Closure] | None = None,
     held: FloatArray | None = None,
 ) -> FloatArray:
-    """Parameters over time.
+    """Interpolate between targets.
 
     Parameters
     ----------
     centres
-        `(segments,)`, seconds, ascending: where the targets are.
+        Times of the targets, ``(segments,)``, seconds, ascending.
     targets
-        `(segments, parameters)`.
+        ``(segments, parameters)``, in the unit of each parameter.
     times
-        `(times,)`, seconds, in any order.
+        ``(times,)``, seconds, in any order.
     interpolation
-        ``cubic``: piecewise cubic, monotone between two targets (Fritsch and Butland 1984, as
-        scipy has it); ``linear``; ``cosine``: half a period of a cosine from target to target.
-        Before the first target and after the last the curve stays at it.
+        ``cubic``: piecewise cubic, monotone between two targets (Fritsch and Butland 1984, as in
+        `scipy.interpolate.PchipInterpolator`); ``linear``; ``cosine``: half a period of a cosine
+        from target to target. Before the first target and after the last the curve is constant.
     smoothing
-        Standard deviation of a bell that the curve is smoothed with, seconds; 0 for none.
+        Standard deviation of the Gaussian that the curve is smoothed with, seconds; 0 for none.
     closures
-        By parameter, from 0: what is guaranteed.
+        Guaranteed closures, by index of the parameter.
     held
-        `(segments, 2)`: from when to when each segment is kept closed, seconds; NaN for those
-        that are not. Smoothing is narrower near them, and nothing in them.
+        Start and end of the time for which each segment is held closed, ``(segments, 2)``,
+        seconds; NaN for the others. Smoothing is narrower near these times and absent in them.
 
     Returns
     -------
-    FloatArray
-        `(times, parameters)`. In the times that are held a parameter with a closure is not more
-        open than it.
+    ndarray
+        ``(times, parameters)``, in the unit of each parameter. In the times that are held, a
+        parameter with a closure is not more open than it.
     """
     values = np.empty((len(times), targets.shape[1]))
     closed = {} if closures is None else dict(closures)
@@ -60,13 +60,13 @@ def curve(
     if not is_held.any():
         closed = {}
     free = [p for p in range(targets.shape[1]) if p not in closed]
-    values[:, free] = _smoothed(
+    values[:, free] = _smooth(
         centres, targets[:, free], times, interpolation, np.full(len(times), smoothing)
     )
     for p, closure in closed.items():
         assert held is not None
-        own = targets[:, p].copy()
-        own[is_held] = closure.kept(own[is_held])
+        closed_targets = targets[:, p].copy()
+        closed_targets[is_held] = closure.clip(closed_targets[is_held])
         # A held segment has the same target twice: the curve between the two is flat.
         repeats = np.where(is_held, 2, 1)
         knots = np.repeat(centres, repeats)
@@ -74,32 +74,33 @@ def curve(
         knots[starts[is_held]], knots[starts[is_held] + 1] = held[is_held].T
         after = np.maximum(held[is_held, 0] - times[:, None], times[:, None] - held[is_held, 1])
         distance = np.maximum(after.min(axis=1), 0.0)
-        widths = np.minimum(smoothing, distance / _PLACES[-1])
-        heights = np.repeat(own, repeats)[:, None]
-        values[:, p] = _smoothed(knots, heights, times, interpolation, widths)[:, 0]
+        widths = np.minimum(smoothing, distance / _NODES[-1])
+        heights = np.repeat(closed_targets, repeats)[:, None]
+        values[:, p] = _smooth(knots, heights, times, interpolation, widths)[:, 0]
     return values
 
 
-def _smoothed(
+def _smooth(
     knots: FloatArray,
     heights: FloatArray,
     times: FloatArray,
     interpolation: str,
     widths: FloatArray,
 ) -> FloatArray:
-    through = _interpolant(knots, heights, interpolation)
+    """Interpolate and smooth, with a width for each time."""
+    through = _make_interpolant(knots, heights, interpolation)
     if not (widths > 0).any():
         return through(times)
     total = np.zeros((len(times), heights.shape[1]))
-    for place, weight in zip(_PLACES, _WEIGHTS, strict=True):
-        total += weight * through(times + place * widths)
+    for node, weight in zip(_NODES, _WEIGHTS, strict=True):
+        total += weight * through(times + node * widths)
     return total
 
 
-def _interpolant(
+def _make_interpolant(
     knots: FloatArray, heights: FloatArray, interpolation: str
 ) -> Callable[[FloatArray], FloatArray]:
-    """The curve through the knots, `(times,)` → `(times, parameters)`."""
+    """Make the curve through the knots, a function of times."""
     if len(knots) == 1:
         return lambda times: np.repeat(heights, len(times), axis=0)
     if interpolation == "cubic":
@@ -115,12 +116,23 @@ def _interpolant(
         if interpolation == "cosine":
             share = 0.5 - 0.5 * np.cos(np.pi * share)
         steps = heights[before + 1] - heights[before]
-        found: FloatArray = heights[before] + share[:, None] * steps
-        return found
+        result: FloatArray = heights[before] + share[:, None] * steps
+        return result
 
     return between
 
 
-def smoothing_reach(smoothing: float) -> float:
-    """How far from a moment smoothing looks, seconds."""
-    return float(_PLACES[-1]) * smoothing
+def get_smoothing_reach(smoothing: float) -> float:
+    """Return how far from a moment smoothing looks.
+
+    Parameters
+    ----------
+    smoothing
+        Standard deviation of the Gaussian, seconds.
+
+    Returns
+    -------
+    float
+        Seconds.
+    """
+    return float(_NODES[-1]) * smoothing

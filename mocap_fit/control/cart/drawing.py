@@ -10,10 +10,9 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from mocap_fit.atomic_file import write_atomically
-from mocap_fit.control.cart.inspecting import branches, pooled_name, question_at
-from mocap_fit.control.cart.learning import TreeKey
+from mocap_fit.control.cart.inspecting import describe_branches, get_question_name, name_pool
 from mocap_fit.control.cart.model import Cart
-from mocap_fit.control.cart.tree import Tree
+from mocap_fit.control.cart.tree import Tree, TreeKey
 
 # Pixels, and letters of a line.
 _WIDTH, _LINE, _PAD, _GAP, _LEVEL = 176, 15, 6, 14, 34
@@ -21,71 +20,93 @@ _LETTERS = 28
 _MARGIN, _TITLE = 16, 46
 
 
-def tree_title(model: Cart, key: TreeKey) -> str:
-    """What a tree is of, in words."""
-    phone = pooled_name(key.of) if key.pooled else key.of
+def _write_title(model: Cart, key: TreeKey) -> str:
+    phone = name_pool(key.of) if key.pooled else key.of
     sound = ", with sound" if key.with_sound else ""
     return f"{phone} / {model.parameter_names_[key.parameter]}{sound}"
 
 
-def tree_text(model: Cart, key: TreeKey) -> str:
-    """A tree as text: a line a node, indented by its depth.
+def export_text(model: Cart, key: TreeKey) -> str:
+    """Write a tree as text: a line a node, indented by its depth.
 
     Each has the answer that leads to it, its number of examples, the mean of their targets, the
-    root mean square of its cross-validated error, and what it asks.
+    root mean square of its cross-validated error, and its question.
+
+    Parameters
+    ----------
+    model
+        A trained model.
+    key
+        The tree.
+
+    Returns
+    -------
+    str
+        Several lines.
     """
     tree = model.trees_[key]
-    lines = [f"{tree_title(model, key)}: {tree.leaves} leaves, {int(tree.counts[0])} examples"]
+    lines = [f"{_write_title(model, key)}: {tree.leaves} leaves, {int(tree.counts[0])} examples"]
 
-    def tell(node: int, answer: str, depth: int) -> None:
-        figures = (
-            f"n {int(tree.counts[node])}, mean {tree.means[node]:.3f}, error {_error(tree, node)}"
-        )
+    def add_lines(node: int, answer: str, depth: int) -> None:
+        error = _write_error(tree, node)
+        figures = f"n {int(tree.counts[node])}, mean {tree.means[node]:.3f}, error {error}"
         start = f"{'  ' * depth}{answer}: " if answer else ""
-        asks = "" if tree.questions[node] < 0 else f"; {question_at(model, key, node)}?"
+        asks = "" if tree.questions[node] < 0 else f"; {get_question_name(model, key, node)}?"
         lines.append(f"{start}{figures}{asks}")
         if tree.questions[node] >= 0:
             for answer, child in zip(
-                branches(model, key, node), tree.children[node].tolist(), strict=True
+                describe_branches(model, key, node), tree.children[node].tolist(), strict=True
             ):
-                tell(child, answer, depth + 1)
+                add_lines(child, answer, depth + 1)
 
-    tell(0, "", 0)
+    add_lines(0, "", 0)
     return "\n".join(lines)
 
 
-def _error(tree: Tree, node: int) -> str:
-    """Root mean square cross-validated error of a node; of one example there is none."""
+def _write_error(tree: Tree, node: int) -> str:
+    """Write the root mean square cross-validated error of a node; one example has none."""
     squared = float(tree.validated[node]) / int(tree.counts[node])
     return f"{math.sqrt(squared):.3f}" if math.isfinite(squared) else "–"
 
 
-def tree_svg(model: Cart, key: TreeKey) -> str:
-    """A tree as a picture: SVG, for a browser or a paper.
+def export_svg(model: Cart, key: TreeKey) -> str:
+    """Draw a tree as SVG, for a browser or a paper.
 
     A box a node: on top the answer that leads to it, then its number of examples, the mean of
-    their targets and the root mean square of its cross-validated error, and below what it asks.
-    Boxes are the redder the higher their mean, and the bluer the lower.
+    their targets and the root mean square of its cross-validated error, and below its question.
+    Boxes are redder for a higher mean and bluer for a lower one.
+
+    Parameters
+    ----------
+    model
+        A trained model.
+    key
+        The tree.
+
+    Returns
+    -------
+    str
+        An SVG document.
     """
     tree = model.trees_[key]
     above = [""] * len(tree)
     depths = np.zeros(len(tree), dtype=np.int64)
     for node in np.flatnonzero(tree.questions >= 0).tolist():
         for child, answer in zip(
-            tree.children[node].tolist(), branches(model, key, node), strict=True
+            tree.children[node].tolist(), describe_branches(model, key, node), strict=True
         ):
             above[child], depths[child] = answer, depths[node] + 1
-    lines = [_lines(model, key, node, above[node]) for node in range(len(tree))]
+    lines = [_write_lines(model, key, node, above[node]) for node in range(len(tree))]
     heights = [2 * _PAD + _LINE * len(each) for each in lines]
     rows = [
         max(h for h, d in zip(heights, depths, strict=True) if d == depth)
         for depth in range(int(depths.max()) + 1)
     ]
     tops = _TITLE + np.concatenate([[0], np.cumsum([row + _LEVEL for row in rows])])
-    places = _places(tree)
-    width = _MARGIN * 2 + int(places.max()) + _WIDTH
+    lefts = _place_boxes(tree)
+    width = _MARGIN * 2 + int(lefts.max()) + _WIDTH
     height = int(tops[-1]) - _LEVEL + _MARGIN
-    title = tree_title(model, key)
+    title = _write_title(model, key)
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" '
         f'viewBox="0 0 {width} {height}" font-family="sans-serif" font-size="11.5">',
@@ -94,20 +115,20 @@ def tree_svg(model: Cart, key: TreeKey) -> str:
         f'<text x="{_MARGIN}" y="28" font-size="17" font-weight="bold">{escape(title)}</text>',
     ]
     for node in np.flatnonzero(tree.questions >= 0).tolist():
-        x = _MARGIN + places[node] + _WIDTH / 2
+        x = _MARGIN + lefts[node] + _WIDTH / 2
         y = tops[depths[node]] + heights[node]
         for child in tree.children[node].tolist():
-            to_x, to_y = _MARGIN + places[child] + _WIDTH / 2, tops[depths[child]]
+            to_x, to_y = _MARGIN + lefts[child] + _WIDTH / 2, tops[depths[child]]
             middle = to_y - _LEVEL / 2
             parts.append(
                 f'<path d="M {x:g} {y:g} V {middle:g} H {to_x:g} V {to_y:g}" fill="none" '
                 'stroke="#888" stroke-width="1.2"/>'
             )
     for node, each in enumerate(lines):
-        x, y = _MARGIN + places[node], tops[depths[node]]
+        x, y = _MARGIN + lefts[node], tops[depths[node]]
         parts.append(
             f'<rect x="{x:g}" y="{y:g}" width="{_WIDTH}" height="{heights[node]}" rx="5" '
-            f'fill="{_colour(tree, node)}" stroke="#555"/>'
+            f'fill="{_mix_colour(tree, node)}" stroke="#555"/>'
         )
         for row, (text, style) in enumerate(each):
             parts.append(
@@ -118,7 +139,16 @@ def tree_svg(model: Cart, key: TreeKey) -> str:
 
 
 def write_tree(model: Cart, key: TreeKey, path: str | os.PathLike[str]) -> None:
-    """Write the picture of a tree, whole or not at all.
+    """Write the drawing of a tree to a file.
+
+    Parameters
+    ----------
+    model
+        A trained model.
+    key
+        The tree.
+    path
+        The SVG file.
 
     Raises
     ------
@@ -126,43 +156,43 @@ def write_tree(model: Cart, key: TreeKey, path: str | os.PathLike[str]) -> None:
         If the file cannot be written.
     """
     with write_atomically(path, "picture") as partial:
-        partial.write_text(tree_svg(model, key), encoding="utf-8", newline="\n")
+        partial.write_text(export_svg(model, key), encoding="utf-8", newline="\n")
 
 
 _BOLD, _ITALIC = ' font-weight="bold"', ' font-style="italic" fill="#333"'
 
 
-def _lines(model: Cart, key: TreeKey, node: int, answer: str) -> list[tuple[str, str]]:
-    """What a box says, and the style of each line."""
+def _write_lines(model: Cart, key: TreeKey, node: int, answer: str) -> list[tuple[str, str]]:
+    """Write the lines of a box, with the style of each."""
     tree = model.trees_[key]
-    found = [(line, _ITALIC) for line in textwrap.wrap(answer, _LETTERS)]
-    found.append((f"n {int(tree.counts[node])} · mean {tree.means[node]:.3f}", ""))
-    found.append((f"error {_error(tree, node)}", ""))
+    lines = [(line, _ITALIC) for line in textwrap.wrap(answer, _LETTERS)]
+    lines.append((f"n {int(tree.counts[node])} · mean {tree.means[node]:.3f}", ""))
+    lines.append((f"error {_write_error(tree, node)}", ""))
     if tree.questions[node] >= 0:
-        asks = textwrap.wrap(f"{question_at(model, key, node)}?", _LETTERS - 4)
-        found += [(line, _BOLD) for line in asks]
-    return found
+        asks = textwrap.wrap(f"{get_question_name(model, key, node)}?", _LETTERS - 4)
+        lines += [(line, _BOLD) for line in asks]
+    return lines
 
 
-def _places(tree: Tree) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Left edges of the boxes: leaves side by side, the others over the middle of their two."""
-    places = np.zeros(len(tree))
+def _place_boxes(tree: Tree) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Place the boxes: leaves side by side, the others over the middle of their two."""
+    lefts = np.zeros(len(tree))
     leaves = 0
     waiting = [0]
     while waiting:
         node = waiting.pop()
         if tree.questions[node] < 0:
-            places[node] = leaves * (_WIDTH + _GAP)
+            lefts[node] = leaves * (_WIDTH + _GAP)
             leaves += 1
         else:
             waiting += tree.children[node, ::-1].tolist()
     for node in np.flatnonzero(tree.questions >= 0)[::-1]:
-        places[node] = places[tree.children[node]].mean()
-    return places
+        lefts[node] = lefts[tree.children[node]].mean()
+    return lefts
 
 
-def _colour(tree: Tree, node: int) -> str:
-    """White at the mean of the root, red for the highest mean, blue for the lowest."""
+def _mix_colour(tree: Tree, node: int) -> str:
+    """Mix the colour of a box: white at the mean of the root, red above, blue below."""
     off = tree.means - tree.means[0]
     share = float(off[node]) / (float(np.abs(off).max()) or 1.0)
     far = (244, 165, 130) if share > 0 else (146, 197, 222)

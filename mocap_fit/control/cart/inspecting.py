@@ -1,15 +1,17 @@
-"""What trees ask and why a target is what it is: in words, for people who look at a model."""
+"""The questions of trees and the reasons of targets in words, for people who look at a model."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 
 from mocap_fit.control.cart.contexts import KIND_OF_GROUP
 from mocap_fit.control.cart.kernel import LEFT
-from mocap_fit.control.cart.learning import TreeKey, chain
+from mocap_fit.control.cart.learning import list_alternatives
 from mocap_fit.control.cart.model import Cart
+from mocap_fit.control.cart.tree import TreeKey
 from mocap_fit.errors import DataError
 from mocap_fit.phones import PhoneSequence
 
@@ -20,28 +22,28 @@ _UNITS = {"duration": " s", "energy": " dB"}
 
 @dataclass(frozen=True)
 class Answer:
-    """A question on the way to a target.
+    """The answer to a question on the way to a target.
 
     Parameters
     ----------
     question
-        What was asked.
-    found
-        What the segment has: a phone, a number, ``yes`` or ``no``.
-    taken
+        The question.
+    value
+        What the segment has: a phone or a number.
+    branch
         The branch that was taken, in words.
     seen
         False where no training example of the node had it, and it went with its group or with
         most examples.
     count
-        Examples on that branch.
+        Number of examples on that branch.
     mean
-        Of their targets.
+        Mean of their targets, in the unit of the parameter.
     """
 
     question: str
-    found: str
-    taken: str
+    value: str
+    branch: str
     seen: bool
     count: int
     mean: float
@@ -49,29 +51,29 @@ class Answer:
 
 @dataclass(frozen=True)
 class Reason:
-    """What decided a target.
+    """The reason of a target.
 
     Parameters
     ----------
     segment
-        Which segment of the utterance, from 0.
+        Index of the segment in the utterance.
     phone
         Its phone.
     centre
-        Where the target stands, seconds.
+        Time of the target, seconds.
     parameter
         Name of the face parameter.
     target
-        What was selected.
+        The target that was selected, in the unit of the parameter.
     tree
         Whose tree it was, such as the phone, or ``vowel`` where the phone has no example; empty
         where there was none, and the target is rest.
     backed_off
-        Whether it was not the phone's own.
+        Whether it was not the tree of the phone.
     start
-        What is expected of the phone before anything is asked: the mean at the root.
+        Mean at the root, before any question, in the unit of the parameter.
     answers
-        The questions from the root to the leaf.
+        The answers from the root to the leaf.
     """
 
     segment: int
@@ -88,36 +90,41 @@ class Reason:
         head = f"{self.phone} at {self.centre:.3f} s, {self.parameter}: {self.target:.3f}"
         if not self.tree:
             return f"{head} (no examples: rest)"
-        own = f"no tree of its own: that of {self.tree}; " if self.backed_off else ""
-        lines = [f"{head} ({own}{self.start:.3f} before any question)"]
+        other = f"no tree of its own: that of {self.tree}; " if self.backed_off else ""
+        lines = [f"{head} ({other}{self.start:.3f} before any question)"]
         for answer in self.answers:
             new = "" if answer.seen else ", never seen here"
             lines.append(
-                f"  {answer.question}: {answer.found}{new} -> {answer.taken}"
+                f"  {answer.question}: {answer.value}{new} -> {answer.branch}"
                 f" ({answer.count} examples, mean {answer.mean:.3f})"
             )
         return "\n".join(lines)
 
 
-def reasons(
+def explain_targets(
     model: Cart,
     phones: PhoneSequence,
     *,
     segment: int | None = None,
     parameter: str | None = None,
 ) -> tuple[Reason, ...]:
-    """What decided the targets of an utterance.
+    """Explain the targets of an utterance.
 
     Parameters
     ----------
     model
-        Trained.
+        A trained model.
     phones
         The utterance.
     segment
-        Only this segment, from 0.
+        Index of the only segment to explain; by default all.
     parameter
-        Only this parameter.
+        The only parameter to explain; by default all.
+
+    Returns
+    -------
+    tuple[Reason, ...]
+        One for each segment and parameter.
 
     Raises
     ------
@@ -133,58 +140,68 @@ def reasons(
             f"there is no parameter '{parameter}'",
             expected=f"one of {', '.join(model.parameter_names_)}",
         )
-    found = []
-    for chosen in model.chosen(phones):
-        name = model.parameter_names_[chosen.parameter]
-        if segment not in (None, chosen.segment) or parameter not in (None, name):
+    reasons = []
+    for selected in model.trace_targets(phones):
+        name = model.parameter_names_[selected.parameter]
+        if segment not in (None, selected.segment) or parameter not in (None, name):
             continue
-        own = phones[chosen.segment]
-        symbol = model.phone_set_.get_symbol(own, model.by_stress)
-        if chosen.key is None:
-            found.append(Reason(chosen.segment, symbol, own.centre, name, 0.0, "", True, 0.0, ()))
+        phone, key, path = phones[selected.segment], selected.key, selected.path
+        symbol = model.phone_set_.get_symbol(phone, model.by_stress)
+        head = (selected.segment, symbol, phone.centre, name)
+        if key is None:
+            reasons.append(Reason(*head, 0.0, "", True, 0.0, ()))
             continue
-        tree = model.trees_[chosen.key]
-        answers = []
-        for node, after in zip(chosen.path, chosen.path[1:], strict=False):
-            left, right = branches(model, chosen.key, node)
-            value = chosen.values[model.attribute_of(int(tree.questions[node]))]
-            answers.append(
-                Answer(
-                    question_at(model, chosen.key, node),
-                    _found(model, chosen.key, node, value),
-                    left if after == tree.children[node, LEFT] else right,
-                    _was_seen(model, chosen.key, node, value),
-                    int(tree.counts[after]),
-                    float(tree.means[after]),
-                )
-            )
-        found.append(
+        tree = model.trees_[key]
+        answers = [
+            _answer(model, key, selected.values, node, after)
+            for node, after in itertools.pairwise(path)
+        ]
+        reasons.append(
             Reason(
-                chosen.segment,
-                symbol,
-                own.centre,
-                name,
-                float(tree.means[chosen.path[-1]]),
-                chosen.key.of,
-                chosen.key.of != symbol or chosen.key.pooled,
+                *head,
+                float(tree.means[path[-1]]),
+                key.of,
+                key.of != symbol or key.pooled,
                 float(tree.means[0]),
                 tuple(answers),
             )
         )
-    return tuple(found)
+    return tuple(reasons)
 
 
-def importance(model: Cart) -> dict[str, dict[str, float]]:
-    """How much each question matters for each parameter.
+def _answer(model: Cart, key: TreeKey, values: list[float], node: int, after: int) -> Answer:
+    """Describe the step from a node to the one after it."""
+    tree = model.trees_[key]
+    question = model.questions_[tree.questions[node]]
+    value = values[model.get_attribute(int(tree.questions[node]))]
+    left, right = describe_branches(model, key, node)
+    if question.attribute.is_phone:
+        text, seen = model.alphabet.list_names()[int(value)], bool(tree.seen[node, int(value)])
+    else:
+        unit = _UNITS.get(question.attribute.kind, "")
+        seen = not np.isnan(value)
+        text = f"{value:.3g}{unit}" if seen else "unknown"
+    branch = left if after == tree.children[node, LEFT] else right
+    count, mean = int(tree.counts[after]), float(tree.means[after])
+    return Answer(question.name, text, branch, seen, count, mean)
+
+
+def compute_importances(model: Cart) -> dict[str, dict[str, float]]:
+    """Compute how much each question matters for each parameter.
+
+    Parameters
+    ----------
+    model
+        A trained model.
 
     Returns
     -------
     dict[str, dict[str, float]]
-        By parameter, by question: the share of all that cuts lower the cross-validated error by
-        (eq. 10), over the trees of all phones, the greatest first. Trees of many phones do not
-        count, and of two trees of one phone the one with sound does.
+        By parameter, by question: its share of the decrease of the cross-validated error by all
+        cuts (eq. 10), over the trees of all phones, 0 to 1, the greatest first. Trees of many
+        phones do not count, and of two trees of one phone the one with sound does.
     """
-    found: dict[str, dict[str, float]] = {}
+    importances: dict[str, dict[str, float]] = {}
     for p, name in enumerate(model.parameter_names_):
         shares = dict.fromkeys(dict.fromkeys(q.name for q in model.questions_), 0.0)
         for key, tree in model.trees_.items():
@@ -196,23 +213,28 @@ def importance(model: Cart) -> dict[str, dict[str, float]]:
                 shares[model.questions_[tree.questions[node]].name] += float(tree.gains[node])
         total = sum(shares.values()) or 1.0
         ordered = sorted(shares.items(), key=lambda item: -item[1])
-        found[name] = {question: share / total for question, share in ordered}
-    return found
+        importances[name] = {question: share / total for question, share in ordered}
+    return importances
 
 
 def find_tree(model: Cart, name: str, *, with_sound: bool | None = None) -> TreeKey:
-    """The tree that a user names.
+    """Find the tree that a user names.
 
     Parameters
     ----------
     model
-        Trained.
+        A trained model.
     name
-        ``PHONE/PARAMETER``, such as ``P/lower_lip_depression``; for the phone also a group that
-        was backed off to, such as ``vowel``.
+        ``PHONE/PARAMETER``, such as ``P/lower_lip_depression``; in place of the phone also a group
+        of phones, such as ``vowel``.
     with_sound
-        The one with questions about sound, or the one without; where both are there and it is not
-        said, the one with.
+        Whether the tree has questions about sound; by default the one that has, where there are
+        two.
+
+    Returns
+    -------
+    TreeKey
+        A key of ``model.trees_``.
 
     Raises
     ------
@@ -225,32 +247,62 @@ def find_tree(model: Cart, name: str, *, with_sound: bool | None = None) -> Tree
             f"'{name}' names no tree",
             expected=f"PHONE/PARAMETER with one of {', '.join(model.parameter_names_)}",
         )
-    place = model.parameter_names_.index(parameter)
+    p = model.parameter_names_.index(parameter)
     sounds = (True, False) if with_sound is None else (with_sound,)
     spellings = [of]
     parsed = model.phone_set_.parse(of)
     if parsed is not None:
-        # A stress that is not said is any that there is, the weakest first.
-        named = chain(model.phone_set_, parsed[0], model.by_stress)
+        # A stress that is not stated is any that there is, the weakest first.
+        named = list_alternatives(model.phone_set_, parsed[0], model.by_stress)
         spellings += [name for name, pooled in named if not pooled]
     for sound in sounds:
         for pooled in (False, True):
             for spelling in spellings:
-                key = TreeKey(spelling, place, pooled, sound)
+                key = TreeKey(spelling, p, pooled, sound)
                 if key in model.trees_:
                     return key
-    known = sorted({key.of for key in model.trees_ if key.parameter == place})
+    known = sorted({key.of for key in model.trees_ if key.parameter == p})
     raise DataError(f"there is no tree of '{of}'", expected=f"one of {' '.join(known)}")
 
 
-def question_at(model: Cart, key: TreeKey, node: int) -> str:
-    """What a node asks, in words."""
-    asked: int = model.trees_[key].questions[node]
-    return model.questions_[asked].name
+def get_question_name(model: Cart, key: TreeKey, node: int) -> str:
+    """Return the question of a node in words.
+
+    Parameters
+    ----------
+    model
+        A trained model.
+    key
+        The tree.
+    node
+        A node that is not a leaf.
+
+    Returns
+    -------
+    str
+        Without a question mark.
+    """
+    number: int = model.trees_[key].questions[node]
+    return model.questions_[number].name
 
 
-def branches(model: Cart, key: TreeKey, node: int) -> tuple[str, str]:
-    """The answers that lead to the left and to the right, in words."""
+def describe_branches(model: Cart, key: TreeKey, node: int) -> tuple[str, str]:
+    """Describe the answers that lead to the left and to the right.
+
+    Parameters
+    ----------
+    model
+        A trained model.
+    key
+        The tree.
+    node
+        A node that is not a leaf.
+
+    Returns
+    -------
+    left, right
+        Such as ``up to 0.1 s``, or a list of phones.
+    """
     tree = model.trees_[key]
     question = model.questions_[tree.questions[node]]
     if not question.is_open:
@@ -261,36 +313,32 @@ def branches(model: Cart, key: TreeKey, node: int) -> tuple[str, str]:
         if np.isinf(bound):
             return "known", "unknown"
         return f"up to {bound:.3g}{unit}", f"above {bound:.3g}{unit}"
-    names = model.alphabet.names()
+    names = model.alphabet.list_names()
     seen = np.flatnonzero(tree.seen[node]).tolist()
     left = [names[level] for level in seen if tree.sides[node, level] == LEFT]
     right = [names[level] for level in seen if tree.sides[node, level] != LEFT]
-    return _listed(left), _listed(right)
+    return _join(left), _join(right)
 
 
-def _listed(names: list[str]) -> str:
+def _join(names: list[str]) -> str:
     more = len(names) - _LISTED
     return " ".join(names) if more <= 1 else f"{' '.join(names[:_LISTED])} and {more} more"
 
 
-def _found(model: Cart, key: TreeKey, node: int, value: float) -> str:
-    question = model.questions_[model.trees_[key].questions[node]]
-    if question.attribute.is_phone:
-        return model.alphabet.names()[int(value)]
-    unit = _UNITS.get(question.attribute.kind, "")
-    return "unknown" if np.isnan(value) else f"{value:.3g}{unit}"
+def name_pool(of: str) -> str:
+    """Name the phones of a tree of many, for people.
 
+    Parameters
+    ----------
+    of
+        `TreeKey.of`.
 
-def _was_seen(model: Cart, key: TreeKey, node: int, value: float) -> bool:
-    tree = model.trees_[key]
-    if not model.questions_[tree.questions[node]].attribute.is_phone:
-        return not np.isnan(value)
-    return bool(tree.seen[node, int(value)])
-
-
-def pooled_name(of: str) -> str:
-    """What people call the phones of a tree of many."""
-    return of if of in ("all", "vowels", "consonants") else _PLURALS.get(of, of)
+    Returns
+    -------
+    str
+        A plural.
+    """
+    return _PLURALS.get(of, of)
 
 
 _PLURALS = {group: group.replace("_", " ") + "s" for group in KIND_OF_GROUP} | {

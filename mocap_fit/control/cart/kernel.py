@@ -1,480 +1,500 @@
-"""The compiled kernel of CART: growing, judging and pruning a tree in one call.
+"""The compiled kernel of CART: a tree is grown, validated and pruned in one call.
 
-`growing.py` and `pruning.py` say the same in numpy, and the tests hold the two together. All that
-is compiled is in this one file: what numba keeps of a function does not notice when another file
-changes.
+Cross-validated errors have a closed form (Krňoul & Železný eq. 9 and 10). The examples of a node
+are in folds, drawn once a tree. Let fold v have n_v of its n examples, and let their deviations
+from the node's mean add up to E_v: the mean of the others lies E_v / (n - n_v) below the node's.
+The squared errors of the folds, each predicted from the others, add up to ::
+
+    R_CV = R + sum over v of E_v² (2 n - n_v) / (n - n_v)²
+
+where R is the plain squared error. Counts and sums by fold are therefore enough, and no predictor
+is trained ten times. Eq. 9 divides by the root's number of examples in every node, so that errors
+of nodes add up (eq. 10); here they are sums of squares and are not divided at all.
+
+Attributes are levels: small integers for phones, or for the bins of a number. One histogram by
+level and fold holds all that the cuts of an attribute need. For an open question the levels are
+ordered and each gap between two of them is a candidate: numbers by size, phones by the mean of
+their targets, which is the best order for squared error (Breiman et al. 1984, theorem 4.5).
+
+Compiled functions that call each other share this file, because numba's cache notices changes of
+one file only. Without numba the same functions run as plain Python, slowly.
 """
+
+# mypy: disable-error-code="no-untyped-def"
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+compiled: Any
 try:
     import numba
 
-    # No "fast math": the same bytes whether a function was compiled or found in the cache.
-    compiled: Any = numba.njit(cache=True, error_model="numpy", nogil=True)
-    HAS_NUMBA = True
-except ImportError:  # pragma: no cover - numba is a dependency; without it the numpy path works
+    _njit: Any = numba.njit
+    # No "fast math": the same bytes whether a function was compiled or came from the cache.
+    compiled = _njit(cache=True, error_model="numpy", nogil=True)
+    # Called by compiled functions alone, which contain it: no entry in the cache, none from Python.
+    _inner = _njit(error_model="numpy", nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+    # The innermost loops are a tenth faster where they are written into the caller.
+    _inlined = _njit(error_model="numpy", nogil=True, inline="always")
+except ImportError:
+    compiled = _inner = _inlined = lambda function: function
 
-    def compiled(function: Any) -> Any:
-        """Leave a function as it is."""
-        return function
-
-    HAS_NUMBA = False
-
-
-#: What a question is: of a class or a list, of a number, open over phones.
+#: Kinds of questions: a class or list of phones, a bound of a number, an open group of phones.
 FIXED, ORDERED, SUBSET = 0, 1, 2
 LEFT, RIGHT, UNSEEN = 0, 1, 2
-#: Gains that differ by less than this part of a node's error are the same gain.
+#: Gains that differ by less than this part of a node's error count as equal.
 SAME = 1e-9
-#: A squared error of this part of the squares is of rounding.
+#: A squared error below this part of the sum of squares is rounding.
 ROUNDING = 1e-24
-#: By how many examples of the mean of all a phone's mean is drawn to it, in the order ``tree``.
-DRAWN = 3.0
+#: Examples of the overall mean that are added to each phone's mean in the order ``tree``.
+SHRINKAGE = 3.0
+
+
+class _Totals(NamedTuple):
+    """A node's count, sum of deviations, error, surplus, and the difference that counts as none."""
+
+    n: float
+    s: float
+    error: float
+    surplus: float
+    same: float
 
 
 @compiled
-def surplus(counts, sums, count, total):  # type: ignore[no-untyped-def]  # numba infers the types
-    """What the cross-validated error of a node is above its plain squared error.
+def compute_surplus(folds, count, total):
+    """Compute by how much the cross-validated error of a node exceeds its squared error.
 
     Parameters
     ----------
-    counts, sums
-        `(folds,)`: examples of each fold, and their targets added up.
+    folds
+        Number of examples of each fold, then the sum of their targets, ``(2 * folds,)``.
     count, total
-        The same of all.
+        The same over all folds.
 
     Returns
     -------
     float
-        Infinite where all examples are in one fold: then nothing is left to train on.
+        Infinite where all examples are in one fold, and none is left to train on.
     """
-    mean = total / count
+    mean, cv = total / count, len(folds) // 2
     added = 0.0
-    for fold in range(len(counts)):
-        rest = count - counts[fold]
+    for fold in range(cv):
+        rest = count - folds[fold]
         if rest < 0.5:
             return np.inf
-        off = sums[fold] - counts[fold] * mean
+        off = folds[cv + fold] - folds[fold] * mean
         added += off * off * (count + rest) / (rest * rest)
     return added
 
 
-@compiled
-def _grow_into(  # type: ignore[no-untyped-def]  # numba infers the types
-    levels,
-    targets,
-    folds,
-    chosen,
-    of_attribute,
-    kinds,
-    members,
-    sizes,
-    fold_count,
-    smallest,
-    least_gain,
-    by_node,
-    questions,
-    sides,
-    children,
-    counts,
-    means,
-    errors,
-    validated,
-    gains,
-):
-    """Grow a tree into arrays that have room for it; gives how many nodes it has."""
-    examples = len(chosen)
-    attributes = levels.shape[0]
-    size = sides.shape[1]
-    # The examples of a node lie together, from its start to its end.
-    lying = chosen.copy()
-    aside = np.empty(examples, np.int64)
-    starts = np.empty(2 * examples + 1, np.int64)
-    ends = np.empty(2 * examples + 1, np.int64)
-    starts[0], ends[0] = 0, examples
-    # Of each, by how much its target is off the node's mean, and its fold.
-    off = np.empty(examples)
-    own_fold = np.empty(examples, np.int64)
-    # Histograms of one attribute: by level, and by level and fold.
-    n, s = np.zeros(size), np.zeros(size)
-    n_fold, s_fold = np.zeros((size, fold_count)), np.zeros((size, fold_count))
-    of_n, of_s = np.zeros(fold_count), np.zeros(fold_count)
-    left_n, left_s = np.zeros(fold_count), np.zeros(fold_count)
-    right_n, right_s = np.zeros(fold_count), np.zeros(fold_count)
-    order = np.zeros((attributes, size), np.int64)
-    seen = np.zeros(attributes, np.int64)
-    present = np.empty(size, np.int64)
-    keys = np.zeros(size)
-    side = np.zeros(size, np.uint8)
-    drawn = 0.0 if by_node else DRAWN
-    nodes, node = 1, 0
-    while node < nodes:
-        start, end = starts[node], ends[node]
-        count = float(end - start)
-        total = 0.0
-        for i in range(start, end):
-            total += targets[lying[i]]
-        mean = total / count
-        of_n[:] = 0.0
-        of_s[:] = 0.0
-        error = 0.0
-        total = 0.0
-        for i in range(start, end):
-            example = lying[i]
-            value, fold = targets[example] - mean, folds[example]
-            off[i], own_fold[i] = value, fold
-            error += value * value
-            total += value
-            of_n[fold] += 1.0
-            of_s[fold] += value
-        over = surplus(of_n, of_s, count, total)
-        counts[node], means[node] = end - start, mean
-        errors[node], validated[node] = error, error + over
-        questions[node], gains[node] = -1, 0.0
-        children[node, 0], children[node, 1] = -1, -1
-        sides[node, :] = UNSEEN
-        same = SAME * error
-        best, best_question = least_gain * (error + over) / count, -1
-        last, kept = -1, 0
-        # What rounding leaves of equal targets is no difference to be cut at.
-        equal = max(SAME * errors[0], ROUNDING * count * mean * mean)
-        is_leaf = end - start <= smallest or not over < np.inf or error <= equal
-        for question in range(0 if is_leaf else len(of_attribute)):
-            attribute = of_attribute[question]
-            if attribute != last:
-                last = attribute
-                row = levels[attribute]
-                for level in range(sizes[attribute]):
-                    n[level] = 0.0
-                for i in range(start, end):
-                    level, fold, value = row[lying[i]], own_fold[i], off[i]
-                    if n[level] == 0.0:
-                        s[level] = 0.0
-                        for f in range(fold_count):
-                            n_fold[level, f] = 0.0
-                            s_fold[level, f] = 0.0
-                    n[level] += 1.0
-                    s[level] += value
-                    n_fold[level, fold] += 1.0
-                    s_fold[level, fold] += value
-                if node == 0:
-                    seen[attribute] = sizes[attribute]
-                    for level in range(sizes[attribute]):
-                        order[attribute, level] = level
-                kept = 0
-                for place in range(seen[attribute]):
-                    level = order[attribute, place]
-                    if n[level] > 0.0:
-                        present[kept] = level
-                        kept += 1
-            if kept < 2:
-                continue
-            if kinds[question] == FIXED:
-                n_left, s_left = 0.0, 0.0
-                for place in range(kept):
-                    level = present[place]
-                    if members[question, level]:
-                        n_left += n[level]
-                        s_left += s[level]
-                if n_left == 0.0 or n_left == count:
-                    continue
-                plain = _plain_gain(n_left, s_left, count, total)
-                if plain + over <= best + same:
-                    continue
-                left_n[:] = 0.0
-                left_s[:] = 0.0
-                for place in range(kept):
-                    level = present[place]
-                    if members[question, level]:
-                        for f in range(fold_count):
-                            left_n[f] += n_fold[level, f]
-                            left_s[f] += s_fold[level, f]
-                for f in range(fold_count):
-                    right_n[f] = of_n[f] - left_n[f]
-                    right_s[f] = of_s[f] - left_s[f]
-                gain = plain + over - surplus(left_n, left_s, n_left, s_left)
-                gain -= surplus(right_n, right_s, count - n_left, total - s_left)
-                if gain > best + same:
-                    best, best_question = gain, question
-                    for level in range(sizes[attribute]):
-                        side[level] = UNSEEN
-                    for place in range(kept):
-                        level = present[place]
-                        side[level] = LEFT if members[question, level] else RIGHT
-                continue
-            if kinds[question] == SUBSET and (by_node or node == 0):
-                for place in range(kept):
-                    keys[present[place]] = s[present[place]] / (n[present[place]] + drawn)
-                for place in range(1, kept):
-                    level = present[place]
-                    at = place
-                    while at > 0 and _follows(present[at - 1], level, keys):
-                        present[at] = present[at - 1]
-                        at -= 1
-                    present[at] = level
-                if node == 0:
-                    seen[attribute] = kept
-                    for place in range(kept):
-                        order[attribute, place] = present[place]
-            n_left, s_left = 0.0, 0.0
-            left_n[:] = 0.0
-            left_s[:] = 0.0
-            cut = -1
-            for place in range(kept - 1):
-                level = present[place]
-                n_left += n[level]
-                s_left += s[level]
-                for f in range(fold_count):
-                    left_n[f] += n_fold[level, f]
-                    left_s[f] += s_fold[level, f]
-                # A cut gains no more than this: nothing is validated below its plain error.
-                plain = _plain_gain(n_left, s_left, count, total)
-                if plain + over <= best + same:
-                    continue
-                for f in range(fold_count):
-                    right_n[f] = of_n[f] - left_n[f]
-                    right_s[f] = of_s[f] - left_s[f]
-                gain = plain + over - surplus(left_n, left_s, n_left, s_left)
-                gain -= surplus(right_n, right_s, count - n_left, total - s_left)
-                if gain > best + same:
-                    best, best_question, cut = gain, question, place
-            if cut >= 0:
-                for level in range(sizes[attribute]):
-                    side[level] = UNSEEN
-                for place in range(kept):
-                    side[present[place]] = LEFT if place <= cut else RIGHT
-        if best_question >= 0:
-            questions[node], gains[node] = best_question, best
-            row = levels[of_attribute[best_question]]
-            for level in range(sizes[of_attribute[best_question]]):
-                sides[node, level] = side[level]
-            middle, moved = start, 0
-            for i in range(start, end):
-                example = lying[i]
-                if side[row[example]] == LEFT:
-                    lying[middle] = example
-                    middle += 1
-                else:
-                    aside[moved] = example
-                    moved += 1
-            for i in range(moved):
-                lying[middle + i] = aside[i]
-            children[node, 0], children[node, 1] = nodes, nodes + 1
-            starts[nodes], ends[nodes] = start, middle
-            starts[nodes + 1], ends[nodes + 1] = middle, end
-            nodes += 2
-        node += 1
-    return nodes
+@_inlined
+def _sum_folds(targets, all_folds, start, end, examples, deviations, folds, node):
+    """Write a node's deviations and folds, and add them up; returns mean, error and sum."""
+    total = 0.0
+    for i in range(start, end):
+        total += targets[examples[i]]
+    mean = total / float(end - start)
+    node[:] = 0.0
+    error, total, cv = 0.0, 0.0, len(node) // 2
+    for i in range(start, end):
+        example = examples[i]
+        value, fold = targets[example] - mean, all_folds[example]
+        deviations[i], folds[i] = value, fold
+        error += value * value
+        total += value
+        node[fold] += 1.0
+        node[cv + fold] += value
+    return mean, error, total
 
 
-@compiled
-def _plain_gain(n_left, s_left, count, total):  # type: ignore[no-untyped-def]
-    """By how much a cut lowers the plain squared error."""
+@_inlined
+def _count_levels(row, size, start, end, examples, deviations, folds, by_level, by_fold):
+    """Add up the examples of a node by level, and by level and fold."""
+    cv = by_fold.shape[1] // 2
+    for level in range(size):
+        by_level[level, 0] = 0.0
+    for i in range(start, end):
+        level, fold, value = row[examples[i]], folds[i], deviations[i]
+        if by_level[level, 0] == 0.0:
+            by_level[level, 1] = 0.0
+            for f in range(2 * cv):
+                by_fold[level, f] = 0.0
+        by_level[level, 0] += 1.0
+        by_level[level, 1] += value
+        by_fold[level, fold] += 1.0
+        by_fold[level, cv + fold] += value
+
+
+@_inner
+def _list_levels(by_level, attribute, order, sizes, present):
+    """List the levels that a node has examples of, in the root's order; returns their number."""
+    count = 0
+    for i in range(sizes[attribute]):
+        level = order[attribute, i]
+        if by_level[level, 0] > 0.0:
+            present[count] = level
+            count += 1
+    return count
+
+
+@_inner
+def _sort_phones(count, shrinkage, by_level, present, keys):
+    """Sort the levels of a node by their mean deviation, equal ones by number."""
+    for i in range(count):
+        level = present[i]
+        keys[level] = by_level[level, 1] / (by_level[level, 0] + shrinkage)
+    for i in range(1, count):
+        level = present[i]
+        at = i
+        while at > 0 and (
+            keys[present[at - 1]] > keys[level]
+            or (keys[present[at - 1]] == keys[level] and present[at - 1] > level)
+        ):
+            present[at] = present[at - 1]
+            at -= 1
+        present[at] = level
+
+
+@_inlined
+def _compute_plain_gain(n_left, s_left, count, total):
+    """Compute by how much a cut lowers the plain squared error."""
     s_right, n_right = total - s_left, count - n_left
     return s_left * s_left / n_left + s_right * s_right / n_right - total * total / count
 
 
-@compiled
-def _follows(level, other, keys):  # type: ignore[no-untyped-def]
-    """Whether a level comes after another: by key, then by number."""
-    return keys[level] > keys[other] or (keys[level] == keys[other] and level > other)
+@_inlined
+def _compute_gain(limit, n_left, s_left, totals, node, left, right):
+    """Compute the gain of a cut whose left side is added up by fold (eq. 10)."""
+    for f in range(len(node)):
+        right[f] = node[f] - left[f]
+    gain = limit - compute_surplus(left, n_left, s_left)
+    return gain - compute_surplus(right, totals.n - n_left, totals.s - s_left)
 
 
-@compiled
-def weakest_first(nodes, children, counts, errors):  # type: ignore[no-untyped-def]
-    """The strength of every cut, as `strengths_of` gives it: the weakest branch goes first."""
-    parents = np.full(nodes, -1, np.int64)
-    standing = np.zeros(nodes, np.bool_)
+@_inlined
+def _try_class(members, count, present, least, best, totals, by_level, by_fold, node, left, right):
+    """Compute the gain of a fixed question; minus infinity where it cannot exceed the best."""
+    n_left, s_left = 0.0, 0.0
+    for i in range(count):
+        level = present[i]
+        if members[level]:
+            n_left += by_level[level, 0]
+            s_left += by_level[level, 1]
+    if n_left < least or totals.n - n_left < least:
+        return -np.inf
+    # No cut gains more than this: nothing is validated below its plain error.
+    limit = _compute_plain_gain(n_left, s_left, totals.n, totals.s) + totals.surplus
+    if limit <= best + totals.same:
+        return -np.inf
+    left[:] = 0.0
+    for i in range(count):
+        level = present[i]
+        if members[level]:
+            for f in range(len(left)):
+                left[f] += by_fold[level, f]
+    return _compute_gain(limit, n_left, s_left, totals, node, left, right)
+
+
+@_inlined
+def _try_cuts(count, present, least, best, totals, by_level, by_fold, node, left, right):
+    """Find the best cut between two levels; returns its gain, and the last level to the left."""
+    n_left, s_left = 0.0, 0.0
+    left[:] = 0.0
+    cut = -1
+    for i in range(count - 1):
+        level = present[i]
+        n_left += by_level[level, 0]
+        s_left += by_level[level, 1]
+        for f in range(len(left)):
+            left[f] += by_fold[level, f]
+        if n_left < least or totals.n - n_left < least:
+            continue
+        limit = _compute_plain_gain(n_left, s_left, totals.n, totals.s) + totals.surplus
+        if limit <= best + totals.same:
+            continue
+        gain = _compute_gain(limit, n_left, s_left, totals, node, left, right)
+        if gain > best + totals.same:
+            best, cut = gain, i
+    return best, cut
+
+
+@_inner
+def _mark_sides(count, cut, members, present, side):
+    """Write where the levels of a node go: by the place of a cut, or by the members of a class."""
+    side[:] = UNSEEN
+    for i in range(count):
+        is_left = i <= cut if cut >= 0 else members[present[i]] > 0
+        side[present[i]] = LEFT if is_left else RIGHT
+
+
+@_inner
+def _find_cut(levels, table, rules, start, end, is_root, totals, rows, work):
+    """Find the best cut of a node: its gain and question, -1 for none, and the sides of levels."""
+    # Counts and sums of deviations by level, (levels, 2), and by level and fold, counts before
+    # sums, (levels, 2 * cv); by fold of the node and of both sides of a cut; the levels of each
+    # attribute in the root's order and how many there are; the node's own, their keys and sides.
+    by_level, by_fold, node, left, right, order, sizes, present, keys, side = work
+    attributes, kinds, all_members, all_sizes = table
+    examples, deviations, folds = rows
+    best = rules.min_impurity_decrease * (totals.error + totals.surplus) / totals.n
+    best_question, last, count = -1, -1, 0
+    shrinkage = 0.0 if rules.by_node else SHRINKAGE
+    least = float(rules.min_samples_leaf)
+    for question in range(len(attributes)):
+        attribute = attributes[question]
+        if attribute != last:
+            last, size = attribute, all_sizes[attribute]
+            row = levels[attribute]
+            _count_levels(row, size, start, end, examples, deviations, folds, by_level, by_fold)
+            if is_root:
+                sizes[attribute] = size
+                for level in range(size):
+                    order[attribute, level] = level
+            count = _list_levels(by_level, attribute, order, sizes, present)
+        if count < 2:
+            continue
+        members, cut = all_members[question], -1
+        if kinds[question] == FIXED:
+            gain = _try_class(
+                members, count, present, least, best, totals, by_level, by_fold, node, left, right
+            )
+        else:
+            if kinds[question] == SUBSET and (rules.by_node or is_root):
+                _sort_phones(count, shrinkage, by_level, present, keys)
+                if is_root:
+                    sizes[attribute] = count
+                    for i in range(count):
+                        order[attribute, i] = present[i]
+            gain, cut = _try_cuts(
+                count, present, least, best, totals, by_level, by_fold, node, left, right
+            )
+        if gain > best + totals.same or cut >= 0:
+            best, best_question = gain, question
+            _mark_sides(count, cut, members, present, side)
+    return best, best_question
+
+
+@_inner
+def _divide(row, side, start, end, examples, spare):
+    """Move a node's examples that go to the left before the others; returns where these begin."""
+    middle, moved = start, 0
+    for i in range(start, end):
+        example = examples[i]
+        if side[row[example]] == LEFT:
+            examples[middle] = example
+            middle += 1
+        else:
+            spare[moved] = example
+            moved += 1
+    for i in range(moved):
+        examples[middle + i] = spare[i]
+    return middle
+
+
+@_inner
+def _grow(sample, chosen, table, rules, nodes):
+    """Grow a tree of the chosen examples; returns the number of its nodes."""
+    most, attributes, sizes = len(chosen), len(sample.levels), nodes.sides.shape[1]
+    # The examples of a node are adjacent, from its start to its end.
+    examples, spare, folds = chosen.copy(), np.empty(most, np.int64), np.empty(most, np.int64)
+    deviations = np.empty(most)
+    starts, ends = np.empty(2 * most + 1, np.int64), np.empty(2 * most + 1, np.int64)
+    depths = np.empty(2 * most + 1, np.int64)
+    starts[0], ends[0], depths[0] = 0, most, 0
+    both = 2 * rules.cv
+    by_fold, side = np.zeros(both), np.zeros(sizes, np.uint8)
+    sums = (np.zeros((sizes, 2)), np.zeros((sizes, both)), by_fold, np.zeros(both), np.zeros(both))
+    order = (np.zeros((attributes, sizes), np.int64), np.zeros(attributes, np.int64))
+    work = (*sums, *order, np.zeros(sizes, np.int64), np.zeros(sizes), side)
+    count, node = 1, 0
+    while node < count:
+        start, end, depth = starts[node], ends[node], depths[node]
+        size = float(end - start)
+        mean, error, total = _sum_folds(
+            sample.targets, sample.folds, start, end, examples, deviations, folds, by_fold
+        )
+        over = compute_surplus(by_fold, size, total)
+        nodes.counts[node], nodes.means[node] = end - start, mean
+        nodes.errors[node], nodes.validated[node] = error, error + over
+        nodes.questions[node], nodes.gains[node] = -1, 0.0
+        nodes.children[node, 0], nodes.children[node, 1] = -1, -1
+        nodes.sides[node, :] = UNSEEN
+        # What rounding leaves of equal targets is no difference to cut at.
+        equal = max(SAME * nodes.errors[0], ROUNDING * size * mean * mean)
+        is_leaf = end - start < rules.min_samples_split or depth >= rules.max_depth
+        question = -1
+        if not is_leaf and over < np.inf and error > equal:
+            totals = _Totals(size, total, error, over, SAME * error)
+            rows = (examples, deviations, folds)
+            gain, question = _find_cut(
+                sample.levels, table, rules, start, end, node == 0, totals, rows, work
+            )
+        if question >= 0:
+            attribute = table.attributes[question]
+            nodes.questions[node], nodes.gains[node] = question, gain
+            for level in range(sizes):
+                nodes.sides[node, level] = side[level]
+            middle = _divide(sample.levels[attribute], side, start, end, examples, spare)
+            nodes.children[node, 0], nodes.children[node, 1] = count, count + 1
+            starts[count], ends[count] = start, middle
+            starts[count + 1], ends[count + 1] = middle, end
+            depths[count], depths[count + 1] = depth + 1, depth + 1
+            count += 2
+        node += 1
+    return count
+
+
+@_inner
+def _link_branches(count, children, counts, validated):
+    """List each node's parent, whether it is cut, and the error and price of its branch."""
+    parents = np.full(count, -1, np.int64)
+    is_cut = np.zeros(count, np.bool_)
     # Of each branch: the errors of its leaves, and the variances of its cuts.
-    below, price = np.empty(nodes), np.zeros(nodes)
-    for node in range(nodes):
-        below[node] = errors[node]
+    below, price = np.empty(count), np.zeros(count)
+    for node in range(count):
+        below[node] = validated[node]
         if children[node, 0] >= 0:
             parents[children[node, 0]] = node
             parents[children[node, 1]] = node
-            standing[node] = True
-            below[node], price[node] = 0.0, errors[node] / counts[node]
-    for node in range(nodes - 1, 0, -1):
+            is_cut[node] = True
+            below[node], price[node] = 0.0, validated[node] / counts[node]
+    for node in range(count - 1, 0, -1):
         below[parents[node]] += below[node]
         price[parents[node]] += price[node]
-    strengths = np.full(nodes, -np.inf)
-    waiting = np.empty(nodes, np.int64)
+    return parents, is_cut, below, price
+
+
+@compiled
+def compute_alphas(count, children, counts, validated):
+    """Compute the strength of every cut by weakest-link pruning (Breiman et al. section 3.3).
+
+    Parameters
+    ----------
+    count
+        Number of nodes.
+    children, counts, validated
+        Those of a tree, ``(nodes, 2)`` and ``(nodes,)``; errors in the unit of the targets squared.
+
+    Returns
+    -------
+    ndarray
+        The alpha up to which each node keeps its cut, in variances of nodes, ``(count,)``; minus
+        infinity in a leaf. No cut is stronger than one above it.
+    """
+    parents, is_cut, below, price = _link_branches(count, children, counts, validated)
+    alphas = np.full(count, -np.inf)
+    waiting = np.empty(count, np.int64)
     reached = -np.inf
-    while standing[0]:
+    while is_cut[0]:
         weakest, least = -1, np.inf
-        for node in range(nodes):
-            if standing[node]:
-                strength = (errors[node] - below[node]) / price[node]
-                if weakest < 0 or strength < least:
-                    weakest, least = node, strength
+        for node in range(count):
+            if is_cut[node]:
+                alpha = (validated[node] - below[node]) / price[node]
+                if weakest < 0 or alpha < least:
+                    weakest, least = node, alpha
         reached = max(reached, least)
         waiting[0], left = weakest, 1
         while left > 0:
             left -= 1
             node = waiting[left]
-            if standing[node]:
-                standing[node], strengths[node] = False, reached
+            if is_cut[node]:
+                is_cut[node], alphas[node] = False, reached
                 waiting[left], waiting[left + 1] = children[node, 0], children[node, 1]
                 left += 2
-        more, less, node = errors[weakest] - below[weakest], price[weakest], weakest
+        more, less, node = validated[weakest] - below[weakest], price[weakest], weakest
         while node >= 0:
             below[node] += more
             price[node] -= less
             node = parents[node]
-    return strengths
+    return alphas
 
 
-@compiled
-def _judge(  # type: ignore[no-untyped-def]  # numba infers the types
-    levels,
-    targets,
-    examples,
-    of_attribute,
-    questions,
-    sides,
-    children,
-    counts,
-    means,
-    strong,
-    strengths,
-    errors,
-    squares,
-):
-    """Add to the errors at each strength, and to their squares, those of some examples."""
-    for example in examples:
-        node, place = 0, len(strengths) - 1
-        while place >= 0:
+@_inner
+def _judge(levels, targets, out, attributes, nodes, strong, alphas, errors, squares):
+    """Add the errors of some examples at each alpha, and the squares of these errors."""
+    questions, sides, children, counts, means, _, _, _ = nodes
+    for example in out:
+        node, at = 0, len(alphas) - 1
+        while at >= 0:
             off = means[node] - targets[example]
-            # Of all trees whose strength is above the node's, the example ends here.
-            while place >= 0 and not strong[node] >= strengths[place]:
-                errors[place] += off * off
-                squares[place] += off**4
-                place -= 1
-            if place >= 0:
-                side = sides[node, levels[of_attribute[questions[node]], example]]
+            # In all trees whose alpha is above the node's, the example ends here.
+            while at >= 0 and not strong[node] >= alphas[at]:
+                errors[at] += off * off
+                squares[at] += off**4
+                at -= 1
+            if at >= 0:
+                level = levels[attributes[questions[node]], example]
+                side = sides[node, level]
+                left, right = children[node, 0], children[node, 1]
                 if side == UNSEEN:
-                    side = 0 if counts[children[node, 0]] >= counts[children[node, 1]] else 1
-                node = int(children[node, side])
+                    side = LEFT if counts[left] >= counts[right] else RIGHT
+                node = left if side == LEFT else right
 
 
-@compiled
-def grow_and_prune(  # type: ignore[no-untyped-def]
-    levels,
-    targets,
-    folds,
-    chosen,
-    out,
-    of_attribute,
-    kinds,
-    members,
-    sizes,
-    fold_count,
-    smallest,
-    least_gain,
-    by_node,
-    strength,
-    strengths,
-    errors,
-    squares,
-    questions,
-    sides,
-    children,
-    counts,
-    means,
-    plain,
-    validated,
-    gains,
-):
-    """Grow a tree of some examples, let others judge it, and prune it.
-
-    Parameters
-    ----------
-    levels, targets, folds
-        The examples, as `grow` takes them.
-    chosen, out
-        Which the tree is grown from, and which were held out and judge it.
-    of_attribute, kinds, members, sizes
-        `Asked`.
-    fold_count, smallest, least_gain, by_node
-        As `grow` takes them.
-    strength
-        What cuts must have to stay.
-    strengths, errors, squares
-        `(strengths,)` each: what ``out`` says of each strength is added to the last two.
-    questions, sides, children, counts, means, plain, validated, gains
-        The arrays of `Grown`, with room for two nodes an example.
-
-    Returns
-    -------
-    int
-        How many nodes the pruned tree has.
-    """
-    nodes = _grow_into(
-        levels,
-        targets,
-        folds,
-        chosen,
-        of_attribute,
-        kinds,
-        members,
-        sizes,
-        fold_count,
-        smallest,
-        least_gain,
-        by_node,
-        questions,
-        sides,
-        children,
-        counts,
-        means,
-        plain,
-        validated,
-        gains,
-    )
-    strong = weakest_first(nodes, children, counts, validated)
-    if len(out) > 0:
-        _judge(
-            levels,
-            targets,
-            out,
-            of_attribute,
-            questions,
-            sides,
-            children,
-            counts,
-            means,
-            strong,
-            strengths,
-            errors,
-            squares,
-        )
-    kept, numbers = np.zeros(nodes, np.bool_), np.zeros(nodes, np.int64)
-    kept[0] = True
-    count = 0
-    for node in range(nodes):
-        if kept[node]:
-            numbers[node] = count
-            count += 1
-            if questions[node] >= 0 and strong[node] >= strength:
-                kept[children[node, 0]] = True
-                kept[children[node, 1]] = True
+@_inner
+def _prune(count, nodes, strong, alpha):
+    """Remove the cuts that are weaker than an alpha; returns the number of nodes that remain."""
+    questions, sides, children, counts, means, errors, validated, gains = nodes
+    stays, numbers = np.zeros(count, np.bool_), np.zeros(count, np.int64)
+    stays[0] = True
+    remaining = 0
+    for node in range(count):
+        if stays[node]:
+            numbers[node] = remaining
+            remaining += 1
+            if questions[node] >= 0 and strong[node] >= alpha:
+                stays[children[node, 0]] = True
+                stays[children[node, 1]] = True
             else:
                 questions[node], gains[node] = -1, 0.0
                 children[node, 0], children[node, 1] = -1, -1
-    # Children come after their parents, so that nothing is written over before it is moved.
-    for node in range(nodes):
-        if kept[node]:
+    # Children come after their parents, so that nothing is overwritten before it is moved.
+    for node in range(count):
+        if stays[node]:
             row = numbers[node]
             for side in range(2):
                 child = children[node, side]
                 children[row, side] = numbers[child] if child >= 0 else -1
             for level in range(sides.shape[1]):
                 sides[row, level] = sides[node, level]
-            questions[row], counts[row], means[row] = questions[node], counts[node], means[node]
-            plain[row], validated[row], gains[row] = plain[node], validated[node], gains[node]
-    return count
+            questions[row], counts[row] = questions[node], counts[node]
+            means[row], errors[row] = means[node], errors[node]
+            validated[row], gains[row] = validated[node], gains[node]
+    return remaining
+
+
+@compiled
+def grow_and_prune(sample, chosen, out, table, rules, alpha, alphas, errors, squares, nodes):
+    """Grow a tree of some examples, let others judge it, and prune it.
+
+    Parameters
+    ----------
+    sample
+        Levels, targets and folds of all examples.
+    chosen, out
+        The examples that the tree is grown from, and those held out that judge it, ``(count,)``.
+    table, rules
+        The questions, and how the tree is grown.
+    alpha
+        The strength that cuts must have to remain, in variances.
+    alphas
+        Strengths at which the tree is judged, ascending, in variances, ``(alphas,)``.
+    errors, squares
+        What ``out`` says of each alpha is added to these: squared errors and their squares, in
+        powers of the unit of the targets, ``(alphas,)``.
+    nodes
+        Space for two nodes an example, to be overwritten.
+
+    Returns
+    -------
+    int
+        Number of nodes of the pruned tree.
+    """
+    count = _grow(sample, chosen, table, rules, nodes)
+    strong = compute_alphas(count, nodes.children, nodes.counts, nodes.validated)
+    levels, targets, _ = sample
+    _judge(levels, targets, out, table.attributes, nodes, strong, alphas, errors, squares)
+    return _prune(count, nodes, strong, alpha)

@@ -4,79 +4,66 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_fit.control.cart.contexts import (
-    GROUPS,
-    KIND_OF_GROUP,
-    Alphabet,
+from mocap_fit.control.cart.arrays import (
     ByteArray,
-    group_of,
+    IntArray,
+    Nodes,
+    QuestionTable,
+    Rules,
+    Sample,
+    allocate_nodes,
 )
-from mocap_fit.control.cart.examples import Examples
-from mocap_fit.control.cart.growing import Asked, Grown, IntArray, room_for
-from mocap_fit.control.cart.kernel import FIXED, ORDERED, SUBSET
-from mocap_fit.control.cart.pruning import STRENGTHS, Judged, grow_pruned, judge, strengths_of
+from mocap_fit.control.cart.contexts import GROUPS, KIND_OF_GROUP, Alphabet, get_group
+from mocap_fit.control.cart.examples import TrainingSegments
+from mocap_fit.control.cart.growing import ALPHAS, PruningCurve, grow, judge
+from mocap_fit.control.cart.kernel import FIXED, ORDERED, SUBSET, compute_alphas
 from mocap_fit.control.cart.questions import Attribute, Question
-from mocap_fit.control.cart.tree import Made, Tree, finished
+from mocap_fit.control.cart.tree import GrownTree, Tree, TreeKey, finish_trees
 from mocap_fit.phones import PhoneSet
 from mocap_fit.tracks import FloatArray
 
-#: Bins that the numbers of a tree are divided into at most.
-BINS = 32
-#: Held-out targets that tell how strongly to prune all trees together.
-ENOUGH = 15_000
-#: Examples that a tree of many phones is grown from at most.
-MOST_POOLED = 2_000
-
-
-class TreeKey(NamedTuple):
-    """Which tree.
-
-    Parameters
-    ----------
-    of
-        A phone as its set writes it; of a tree of many phones a group of `GROUPS`, ``vowels``,
-        ``consonants``, or ``all``.
-    parameter
-        Which parameter, from 0.
-    pooled
-        Whether it is of many phones.
-    with_sound
-        Whether it was grown with questions that only sound can answer.
-    """
-
-    of: str
-    parameter: int
-    pooled: bool = False
-    with_sound: bool = False
+#: The largest number of bins that a number is divided into.
+MAX_BINS = 32
+#: Held-out targets that are enough to find the alpha of all trees together. With 1,500 of them the
+#: error of new sentences is up to 1 % larger, with all of them it is the same and takes longer.
+MAX_JUDGED = 15_000
+#: The largest number of examples that a tree of many phones is grown from.
+MAX_POOLED = 2_000
 
 
 @dataclass(frozen=True)
 class Growth:
-    """How trees are grown; see the settings of `Cart`."""
+    """How trees are grown and pruned; see the settings of `Cart`.
 
-    folds: int
-    smallest: int
-    least_gain: float
-    phone_order: str
+    Parameters
+    ----------
+    rules
+        For one tree.
+    pruning
+        ``together``, ``each`` or ``none``.
+    one_standard_error
+        Whether to prune as strongly as is possible within one standard error of the best.
+    random_state
+        Seed of the folds.
+    """
+
+    rules: Rules
     pruning: str
     one_standard_error: bool
-    seed: int
+    random_state: int
 
 
 @dataclass(frozen=True, eq=False)
-class _Sample:
-    """What one tree is grown from."""
+class _TreeData:
+    """What one tree is grown from: its examples and questions, and what their numbers mean."""
 
     key: TreeKey
-    levels: ByteArray
-    targets: FloatArray
-    folds: IntArray
-    asked: Asked
+    sample: Sample
+    table: QuestionTable
     numbers: IntArray
     edges: Mapping[int, FloatArray]
 
@@ -91,16 +78,16 @@ class Grower:
     questions
         All questions, those about one attribute together.
     attributes
-        What they are about, in the order of the columns.
+        The attributes that they are about, in the order of the columns.
     alphabet
         The phones as levels.
     growth
-        How.
+        How trees are grown and pruned.
     """
 
     def __init__(
         self,
-        examples: Examples,
+        examples: TrainingSegments,
         questions: Sequence[Question],
         attributes: Sequence[Attribute],
         alphabet: Alphabet,
@@ -117,33 +104,34 @@ class Grower:
             for q in questions
         ]
         members = np.array(
-            [alphabet.members(q.phone_class, q.phones) for q in questions], dtype=np.uint8
+            [alphabet.mark_members(q.phone_class, q.phones) for q in questions], dtype=np.uint8
         )
-        self._asked = Asked(of, np.array(kinds, dtype=np.int64), members, np.zeros(0, np.int64))
-        groups = alphabet.groups()
+        none = np.zeros(0, np.int64)
+        self._table = QuestionTable(of, np.array(kinds, dtype=np.int64), members, none)
+        groups = alphabet.list_groups()
         self._groups = np.array([1 + GROUPS.index(g) if g else 0 for g in groups], dtype=np.int64)
-        # Where trees are grown that only judge: one room for all of them.
+        # One workspace for all trees that are grown only to be judged.
         most = max(len(examples.symbols), 1)
-        self._room = room_for(most, max(alphabet.levels, BINS + 2))
+        self._workspace = allocate_nodes(most, max(alphabet.levels, MAX_BINS + 2))
         self._of_sound = np.array([q.attribute.needs_sound for q in questions], dtype=np.bool_)
 
-    def samples(self, key_of: str, rows: IntArray, pooled: bool = False) -> list[_Sample]:
-        """What the trees of a phone, or of many, are grown from: one for each parameter.
+    def _prepare(self, key_of: str, rows: IntArray, pooled: bool = False) -> list[_TreeData]:
+        """Prepare the trees of a phone, or of many: one for each parameter.
 
         A tree with questions about sound is added where half of the examples have sound.
         """
-        found = self._samples(key_of, rows, pooled, False)
+        prepared = self._prepare_trees(key_of, rows, pooled, False)
         audible = rows[np.isfinite(self.examples.energies[rows])]
         if self._of_sound.any() and 2 * len(audible) >= len(rows):
-            found += self._samples(key_of, audible, pooled, True)
-        return found
+            prepared += self._prepare_trees(key_of, audible, pooled, True)
+        return prepared
 
-    def _samples(
+    def _prepare_trees(
         self, key_of: str, rows: IntArray, pooled: bool, with_sound: bool
-    ) -> list[_Sample]:
-        if len(rows) > MOST_POOLED and pooled:
-            rows = rows[np.linspace(0, len(rows) - 1, MOST_POOLED).astype(np.int64)]
-        asks = np.flatnonzero(~self._of_sound | with_sound)
+    ) -> list[_TreeData]:
+        if len(rows) > MAX_POOLED and pooled:
+            rows = rows[np.linspace(0, len(rows) - 1, MAX_POOLED).astype(np.int64)]
+        numbers = np.flatnonzero(~self._of_sound | with_sound)
         columns = self.examples.columns
         levels = np.zeros((len(columns), len(rows)), dtype=np.uint8)
         sizes = np.full(len(columns), self.alphabet.levels, dtype=np.int64)
@@ -151,22 +139,19 @@ class Grower:
         by_parameter: list[int] = []
         for a, (column, is_phone) in enumerate(zip(columns, self._are_phones, strict=True)):
             if not is_phone:
-                levels[a], edges[a] = binned(column[rows])
+                levels[a], edges[a] = divide_into_bins(column[rows])
                 sizes[a] = len(edges[a]) + 2
             elif column.ndim == 1:
                 levels[a] = column[rows]
             else:
                 by_parameter.append(a)
-        asked = Asked(
-            self._asked.attributes[asks],
-            self._asked.kinds[asks],
-            self._asked.members[asks],
-            sizes,
-        )
-        found = []
+        attributes, kinds, members, _ = self._table
+        table = QuestionTable(attributes[numbers], kinds[numbers], members[numbers], sizes)
+        prepared = []
         values = self.examples.targets[rows]
-        # By name: whatever other trees there are.
-        rng = np.random.default_rng([self.growth.seed, int(with_sound), *key_of.encode()])
+        # Seeded by the name: the same folds whatever other trees there are.
+        seed = [self.growth.random_state, int(with_sound), *key_of.encode()]
+        rng = np.random.default_rng(seed)
         for p in range(values.shape[1]):
             for a in by_parameter:
                 levels[a] = columns[a][rows, p]
@@ -174,107 +159,166 @@ class Grower:
             count = int(known.sum())
             if not count:
                 continue
-            own = levels.copy() if count == len(known) else np.ascontiguousarray(levels[:, known])
+            used = levels.copy() if count == len(known) else np.ascontiguousarray(levels[:, known])
             # The folds are drawn once a tree.
-            folds = rng.permutation(np.arange(count) % self.growth.folds)
+            folds = rng.permutation(np.arange(count) % self.growth.rules.cv)
             key = TreeKey(key_of, p, pooled, with_sound)
-            found.append(_Sample(key, own, values[known, p], folds, asked, asks, edges))
-        return found
+            sample = Sample(used, values[known, p], folds)
+            prepared.append(_TreeData(key, sample, table, numbers, edges))
+        return prepared
 
-    def pruned(self, sample: _Sample, strength: float) -> Grown:
-        """A tree, grown and pruned."""
-        growth = self.growth
-        return grow_pruned(
-            sample.levels,
-            sample.targets,
-            sample.folds,
-            sample.asked,
-            strength,
-            fold_count=growth.folds,
-            smallest=growth.smallest,
-            least_gain=growth.least_gain,
-            phone_order=growth.phone_order,
+    def prepare(self, by_stress: bool) -> list[_TreeData]:
+        """Prepare all trees: those of the phones, then those of many phones.
+
+        Parameters
+        ----------
+        by_stress
+            Whether a phone has a tree for each level of stress.
+
+        Returns
+        -------
+        list
+            What each tree is grown from.
+        """
+        symbols = self.examples.symbols
+        prepared: list[_TreeData] = []
+        for symbol in np.unique(symbols):
+            prepared += self._prepare(str(symbol), np.flatnonzero(symbols == symbol))
+        return prepared + self._prepare_pooled(
+            {(data.key.of, data.key.parameter) for data in prepared}, by_stress
         )
 
-    def finished(self, samples: Sequence[_Sample], grown: Sequence[Grown]) -> list[Tree]:
-        """Trees as they are kept."""
-        made = [
-            Made(tree, sample.numbers, sample.edges)
-            for sample, tree in zip(samples, grown, strict=True)
+    def _prepare_pooled(self, grown: set[tuple[str, int]], by_stress: bool) -> list[_TreeData]:
+        """Prepare trees of many phones, for the phones of the set that have no examples."""
+        phone_set, symbols = self.alphabet.phone_set, self.examples.symbols
+        members: dict[str, list[str]] = {}
+        for symbol in map(str, np.unique(symbols)):
+            group = get_group(phone_set, symbol)
+            if group != "no_speech":
+                for name in {group, f"{KIND_OF_GROUP[group]}s", "all"}:
+                    members.setdefault(name, []).append(symbol)
+        rows = {name: np.flatnonzero(np.isin(symbols, phones)) for name, phones in members.items()}
+        # Any sound may come in a set that computes its phones.
+        needed = set(members) if phone_set.compute is not None else set()
+        if phone_set.compute is None:
+            targets = self.examples.targets
+            has: dict[str, NDArray[np.bool_]] = {
+                name: np.any(np.isfinite(targets[of]), axis=0) for name, of in rows.items()
+            }
+            for symbol in phone_set.list_symbols(by_stress):
+                names = list_alternatives(phone_set, symbol, by_stress)
+                alone = [of for of, pooled in names if not pooled]
+                pools = [of for of, pooled in names if pooled and of in members]
+                for p in range(targets.shape[1]):
+                    if not any((of, p) in grown for of in alone):
+                        # The first that has an example.
+                        needed |= set([of for of in pools if has[of][p]][:1])
+        prepared: list[_TreeData] = []
+        for name in sorted(needed, key=[*GROUPS, "vowels", "consonants", "all"].index):
+            prepared += self._prepare(name, rows[name], pooled=True)
+        return prepared
+
+    def finish(self, prepared: Sequence[_TreeData], nodes: Sequence[Nodes]) -> list[Tree]:
+        """Convert grown trees to those of a model.
+
+        Parameters
+        ----------
+        prepared
+            What each was grown from.
+        nodes
+            The trees.
+
+        Returns
+        -------
+        list[Tree]
+            In the same order.
+        """
+        grown = [
+            GrownTree(tree, data.numbers, data.edges)
+            for data, tree in zip(prepared, nodes, strict=True)
         ]
-        attributes, members = self._asked.attributes.tolist(), self._asked.members
-        return finished(made, self.questions, attributes, members, self._groups)
+        attributes, members = self._table.attributes.tolist(), self._table.members
+        return finish_trees(grown, self.questions, attributes, members, self._groups)
 
-    def judged(self, sample: _Sample, fold: int, strengths: FloatArray) -> Judged | None:
-        """What the examples of one fold say of the trees that the others grow."""
-        in_fold = np.count_nonzero(sample.folds == fold)
-        if in_fold in (0, len(sample.folds)):
+    def _judge(self, data: _TreeData, fold: int, alphas: FloatArray) -> PruningCurve | None:
+        """Let one fold judge the tree that the others grow; None where it cannot."""
+        folds = data.sample.folds
+        if np.count_nonzero(folds == fold) in (0, len(folds)):
             return None
-        growth = self.growth
-        return judge(
-            sample.levels,
-            sample.targets,
-            sample.folds,
-            fold,
-            sample.asked,
-            strengths,
-            fold_count=growth.folds,
-            smallest=growth.smallest,
-            least_gain=growth.least_gain,
-            phone_order=growth.phone_order,
-            room=self._room,
-        )
+        return judge(data.sample, fold, data.table, self.growth.rules, alphas, self._workspace)
 
-    def judged_together(self, samples: Sequence[_Sample]) -> Judged:
-        """What held-out examples of all trees say of each strength.
+    def judge_together(self, prepared: Sequence[_TreeData]) -> PruningCurve:
+        """Let held-out examples of all trees judge each of `ALPHAS`.
 
-        Every tree holds out a fold, another one from tree to tree, and then the next, until
-        `ENOUGH` targets have been held out or all folds have. Errors are in variances of the
-        parameter, so that all parameters count alike.
+        Every tree holds out a fold, the next tree the next fold, because small trees lack the last
+        folds; then every tree its next, until `MAX_JUDGED` targets have been held out or all folds
+        have. Errors are in variances of the parameter, so that all parameters count alike.
+
+        Parameters
+        ----------
+        prepared
+            What each tree is grown from.
+
+        Returns
+        -------
+        PruningCurve
+            Of all trees together.
         """
         variances = np.ones(self.examples.targets.shape[1])
         for p in range(len(variances)):
             values = self.examples.targets[:, p]
             values = values[np.isfinite(values)]
             variances[p] = values.var() if len(values) and values.var() > 0 else 1.0
-        errors, squares, count = np.zeros(len(STRENGTHS)), np.zeros(len(STRENGTHS)), 0
-        folds = self.growth.folds
-        turns = [(i, turn) for turn in range(folds) for i in _spread(len(samples))]
+        errors, squares, count = np.zeros(len(ALPHAS)), np.zeros(len(ALPHAS)), 0
+        cv = self.growth.rules.cv
+        turns = [(i, turn) for turn in range(cv) for i in _spread(len(prepared))]
         for i, turn in turns:
-            judged = self.judged(samples[i], (i + turn) % folds, STRENGTHS)
-            if judged is not None:
-                variance = variances[samples[i].key.parameter]
-                errors += judged.errors / variance
-                squares += judged.squares / variance**2
-                count += judged.count
-            if count >= ENOUGH:
+            curve = self._judge(prepared[i], (i + turn) % cv, ALPHAS)
+            if curve is not None:
+                variance = variances[prepared[i].key.parameter]
+                errors += curve.errors / variance
+                squares += curve.squares / variance**2
+                count += curve.count
+            if count >= MAX_JUDGED:
                 break
-        return Judged(STRENGTHS, errors, squares, count)
+        return PruningCurve(ALPHAS, errors, squares, count)
 
-    def judged_alone(self, sample: _Sample) -> Judged:
-        """What all folds of a tree say of the trees of its own sequence (Breiman et al. 3.4.2)."""
-        tree = self.pruned(sample, -np.inf)
-        own = np.unique(strengths_of(tree)[tree.questions >= 0])
-        own = own[own > 0]
-        # Between two steps of the sequence, as is usual; and the root alone.
-        steps = np.concatenate([[0.0], np.sqrt(own[:-1] * own[1:]), own[-1:] * (1 + 1e-6)])
-        parts = [self.judged(sample, fold, steps) for fold in range(self.growth.folds)]
-        kept = [part for part in parts if part is not None]
-        return Judged(
-            steps,
-            sum((part.errors for part in kept), np.zeros(len(steps))),
-            sum((part.squares for part in kept), np.zeros(len(steps))),
-            sum(part.count for part in kept),
+    def judge_alone(self, data: _TreeData) -> PruningCurve:
+        """Let all folds of a tree judge the trees of its own sequence (Breiman et al. 3.4.2).
+
+        Parameters
+        ----------
+        data
+            What the tree is grown from.
+
+        Returns
+        -------
+        PruningCurve
+            At the geometric means of adjacent alphas of the sequence, from 0 to beyond the last.
+        """
+        nodes = grow(data.sample, data.table, self.growth.rules)
+        strong = compute_alphas(len(nodes.counts), nodes.children, nodes.counts, nodes.validated)
+        steps = np.unique(strong[nodes.questions >= 0])
+        steps = steps[steps > 0]
+        # Beyond the last step the root is alone.
+        alphas = np.concatenate([[0.0], np.sqrt(steps[:-1] * steps[1:]), steps[-1:] * (1 + 1e-6)])
+        curves = [self._judge(data, fold, alphas) for fold in range(self.growth.rules.cv)]
+        parts = [curve for curve in curves if curve is not None]
+        return PruningCurve(
+            alphas,
+            sum((part.errors for part in parts), np.zeros(len(alphas))),
+            sum((part.squares for part in parts), np.zeros(len(alphas))),
+            sum(part.count for part in parts),
         )
 
 
-def learn(grower: Grower, by_stress: bool) -> tuple[dict[TreeKey, Tree], Judged | None]:
+def grow_forest(grower: Grower, by_stress: bool) -> tuple[dict[TreeKey, Tree], PruningCurve | None]:
     """Grow and prune all trees.
 
     Parameters
     ----------
     grower
-        What from, and how.
+        The examples and the rules.
     by_stress
         Whether a phone has a tree for each level of stress.
 
@@ -282,25 +326,22 @@ def learn(grower: Grower, by_stress: bool) -> tuple[dict[TreeKey, Tree], Judged 
     -------
     trees
         By key.
-    judged
-        What told how strongly to prune, where it was one strength for all.
+    curve
+        Held-out errors by alpha, where it is the same for all trees.
     """
-    growth, symbols = grower.growth, grower.examples.symbols
-    samples: list[_Sample] = []
-    for symbol in np.unique(symbols):
-        samples += grower.samples(str(symbol), np.flatnonzero(symbols == symbol))
-    samples += _pooled_samples(grower, {(s.key.of, s.key.parameter) for s in samples}, by_stress)
-    judged, strength = None, -np.inf
+    growth = grower.growth
+    prepared = grower.prepare(by_stress)
+    curve, alpha = None, -np.inf
     if growth.pruning == "together":
-        judged = grower.judged_together([s for s in samples if not s.key.pooled])
-        strength = judged.best(growth.one_standard_error)
-    grown: list[Grown] = []
-    for sample in samples:
+        curve = grower.judge_together([data for data in prepared if not data.key.pooled])
+        alpha = curve.select_alpha(growth.one_standard_error)
+    grown: list[Nodes] = []
+    for data in prepared:
         if growth.pruning == "each":
-            strength = grower.judged_alone(sample).best(growth.one_standard_error)
-        grown.append(grower.pruned(sample, strength))
-    finished_trees = grower.finished(samples, grown)
-    trees = {sample.key: tree for sample, tree in zip(samples, finished_trees, strict=True)}
+            alpha = grower.judge_alone(data).select_alpha(growth.one_standard_error)
+        grown.append(grow(data.sample, data.table, growth.rules, alpha))
+    finished = grower.finish(prepared, grown)
+    trees = {data.key: tree for data, tree in zip(prepared, finished, strict=True)}
     # A tree that asks nothing of the sound is the one without it, or as good.
     silent = [
         key
@@ -310,15 +351,24 @@ def learn(grower: Grower, by_stress: bool) -> tuple[dict[TreeKey, Tree], Judged 
     ]
     for key in silent:
         del trees[key]
-    return trees, judged
+    return trees, curve
 
 
-def chain(phone_set: PhoneSet, symbol: str, by_stress: bool) -> list[tuple[str, bool]]:
-    """Whose trees say a target of a phone: its own, or the first that there is.
+def list_alternatives(phone_set: PhoneSet, symbol: str, by_stress: bool) -> list[tuple[str, bool]]:
+    """List whose trees predict a target of a phone: its own, or the first of these that there is.
 
     A phone without examples takes the trees of the phone with another stress, then of the group of
-    phones that are alike (`GROUPS`), then of all vowels or all consonants, then of all phones.
-    Silence without examples is rest.
+    similar phones (`GROUPS`), then of all vowels or all consonants, then of all phones. Silence
+    without examples is rest.
+
+    Parameters
+    ----------
+    phone_set
+        The set of the phone.
+    symbol
+        The phone.
+    by_stress
+        Whether a phone has a tree for each level of stress.
 
     Returns
     -------
@@ -326,73 +376,39 @@ def chain(phone_set: PhoneSet, symbol: str, by_stress: bool) -> list[tuple[str, 
         `TreeKey.of` and `TreeKey.pooled`.
     """
     phone = phone_set.get_phone(symbol)
-    found = [(symbol, False)]
+    names = [(symbol, False)]
     if by_stress and phone.takes_stress:
         written = (phone_set.stress.write(phone.symbol, level) for level in phone_set.stress.levels)
-        found += [(other, False) for other in written if other != symbol]
-    group = group_of(phone_set, phone.symbol)
-    found.append((group, True))
+        names += [(other, False) for other in written if other != symbol]
+    group = get_group(phone_set, phone.symbol)
+    names.append((group, True))
     if group != "no_speech":
-        found += [(f"{KIND_OF_GROUP[group]}s", True), ("all", True)]
-    return found
+        names += [(f"{KIND_OF_GROUP[group]}s", True), ("all", True)]
+    return names
 
 
-def _pooled_samples(grower: Grower, grown: set[tuple[str, int]], by_stress: bool) -> list[_Sample]:
-    """Samples of many phones, for those phones of the set that have no examples of their own."""
-    phone_set = grower.alphabet.phone_set
-    groups = {s: group_of(phone_set, s) for s in map(str, np.unique(grower.examples.symbols))}
-    members: dict[str, list[str]] = {}
-    for symbol, group in groups.items():
-        if group != "no_speech":
-            for name in {group, f"{KIND_OF_GROUP[group]}s", "all"}:
-                members.setdefault(name, []).append(symbol)
-    if phone_set.compute is not None:
-        # Any sound may come.
-        wanted = set(members)
-    else:
-        targets, symbols = grower.examples.targets, grower.examples.symbols
-        has: dict[str, NDArray[np.bool_]] = {
-            name: np.any(np.isfinite(targets[np.isin(symbols, own)]), axis=0)
-            for name, own in members.items()
-        }
-        wanted = set()
-        for symbol in phone_set.list_symbols(by_stress):
-            names = chain(phone_set, symbol, by_stress)
-            own = [of for of, pooled in names if not pooled]
-            pools = [of for of, pooled in names if pooled and of in members]
-            for p in range(targets.shape[1]):
-                if not any((of, p) in grown for of in own):
-                    # The first that can say something.
-                    wanted |= set([of for of in pools if has[of][p]][:1])
-    found: list[_Sample] = []
-    for name in sorted(wanted, key=[*GROUPS, "vowels", "consonants", "all"].index):
-        rows = np.flatnonzero(np.isin(grower.examples.symbols, members[name]))
-        found += grower.samples(name, rows, pooled=True)
-    return found
-
-
-def binned(values: FloatArray) -> tuple[ByteArray, FloatArray]:
-    """Numbers as levels.
+def divide_into_bins(values: FloatArray) -> tuple[ByteArray, FloatArray]:
+    """Divide numbers into at most `MAX_BINS` bins of about equal counts.
 
     Parameters
     ----------
     values
-        `(examples,)`; NaN is unknown.
+        ``(examples,)``, seconds, dB, or no unit; NaN is unknown.
 
     Returns
     -------
     levels
-        `(examples,)`: which of at most `BINS` bins; what is unknown comes after the last.
+        The bin of each, ``(examples,)``; what is unknown comes after the last bin.
     edges
-        The bounds between the bins.
+        The bounds between the bins, ``(bins - 1,)``, in the unit of the values.
     """
     is_known = np.isfinite(values)
     ordered = np.sort(values[is_known])
     # Where one number ends and the next begins; of many such places as many as there are bins.
     steps = np.flatnonzero(ordered[1:] > ordered[:-1])
-    if len(steps) >= BINS:
-        wanted = np.arange(1, BINS) * len(ordered) / BINS
-        near = np.minimum(np.searchsorted(steps + 1, wanted), len(steps) - 1)
+    if len(steps) >= MAX_BINS:
+        even = np.arange(1, MAX_BINS) * len(ordered) / MAX_BINS
+        near = np.minimum(np.searchsorted(steps + 1, even), len(steps) - 1)
         steps = np.unique(steps[near])
     edges = 0.5 * (ordered[steps] + ordered[steps + 1])
     levels = np.searchsorted(edges, values, side="left")
@@ -400,7 +416,7 @@ def binned(values: FloatArray) -> tuple[ByteArray, FloatArray]:
 
 
 def _spread(count: int) -> list[int]:
-    """The numbers below a count, in an order whose beginning is spread over all of them."""
+    """List the numbers below a count in an order whose beginning is spread over all of them."""
     step = max(round(count * 0.618), 1)
     while np.gcd(step, count) > 1:
         step += 1

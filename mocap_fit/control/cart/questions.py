@@ -1,9 +1,9 @@
 """The questions of a tree: what is asked about a segment and the phones beside it.
 
-An attribute is what a segment has: the phone to its left, its duration. A question divides the
-segments by an attribute: yes or no by a class of phones or a list of them, or a group of phones or
-a bound that growing finds. The questions are those of Krňoul section 5.1; a table (TOML) adds a
-wider context and questions of one's own::
+An attribute is what a segment has, such as the phone to its left, or its duration. A question
+divides the segments by an attribute: yes or no by a class of phones or a list of them, or by a
+group of phones or a bound that growing finds. The questions are those of Krňoul section 5.1; a
+table (TOML) adds a wider context and the user's questions::
 
     [[question]]                 # the phone two to the left; the best group is found
     ask = "phone"
@@ -14,7 +14,7 @@ wider context and questions of one's own::
     at = 2
     class = "vowel"
 
-    [[question]]                 # a group of one's own
+    [[question]]                 # a group of the user's
     name = "left phone is a close rounded vowel"
     ask = "phone"
     at = -1
@@ -32,6 +32,7 @@ the left.
 
 from __future__ import annotations
 
+import dataclasses
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -44,14 +45,14 @@ Kind = Literal["phone", "resistant", "duration", "energy", "stress", "feature"]
 KINDS = ("phone", "resistant", "duration", "energy", "stress", "feature")
 #: Attributes that are phones; the others are numbers.
 PHONE_KINDS = ("phone", "resistant")
-# The farthest phone that may be asked about.
+# The farthest phone that a question may be about.
 _FARTHEST = 20
 _FIELDS = {"name", "ask", "at", "class", "phones", "feature"}
 
 
 @dataclass(frozen=True)
 class Attribute:
-    """What a segment has, and can be asked about.
+    """What a segment has and questions can be about.
 
     Parameters
     ----------
@@ -60,10 +61,10 @@ class Attribute:
         parameter), ``duration`` (s), ``energy`` (dB, at the segment's centre), ``stress``
         (0, 0.5, 1) or ``feature`` (one of the phone set's).
     at
-        Of which phone: 0 the segment itself, -1 the one before it, 1 the one after it. Of a
-        resistant one: the nearest in that direction, the second nearest.
+        The phone: 0 the segment itself, -1 the one before it, 1 the one after it. Of a resistant
+        one: the nearest in that direction, the second nearest.
     feature
-        Which feature.
+        The feature of the phone set.
     """
 
     kind: Kind
@@ -72,24 +73,24 @@ class Attribute:
 
     @property
     def is_phone(self) -> bool:
-        """Whether it is a phone, and no number."""
+        """Whether it is a phone, not a number."""
         return self.kind in PHONE_KINDS
 
     @property
     def needs_sound(self) -> bool:
-        """Whether it is known only where there is sound."""
+        """Whether only sound can tell it."""
         return self.kind == "energy"
 
     @property
     def name(self) -> str:
-        """What people call it."""
+        """Its name for people."""
         what = f"feature {self.feature}" if self.kind == "feature" else self.kind
         side = "left" if self.at < 0 else "right"
         if self.kind == "resistant":
-            order = "nearest" if abs(self.at) == 1 else f"{_ordinal(abs(self.at))} nearest"
+            order = "nearest" if abs(self.at) == 1 else f"{_write_ordinal(abs(self.at))} nearest"
             return f"{order} resistant phone to the {side}"
         whose = {0: "segment", -1: "left phone", 1: "right phone"}.get(
-            self.at, f"{_ordinal(abs(self.at))} phone to the {side}"
+            self.at, f"{_write_ordinal(abs(self.at))} phone to the {side}"
         )
         if self.kind == "phone":
             return whose
@@ -98,26 +99,60 @@ class Attribute:
 
 @dataclass(frozen=True)
 class Question:
-    """Something that is asked about an attribute.
+    """A question about an attribute; open, where growing finds the group of phones or the bound.
 
     Parameters
     ----------
     attribute
-        What is asked about.
+        The attribute.
     phone_class
-        Asks whether the phone is of this class (`QUESTION_CLASSES`).
+        Whether the phone is of this class (`mocap_fit.phones.QUESTION_CLASSES`); empty for an open
+        question.
     phones
-        Asks whether the phone is one of these.
+        Whether the phone is one of these; empty for an open question.
     label
-        A name of one's own.
-
-    With neither a class nor phones it is open: growing finds the group of phones, or the bound.
+        The user's name of the question.
     """
 
     attribute: Attribute
     phone_class: str = ""
     phones: tuple[str, ...] = ()
     label: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Convert the question to values that JSON can hold.
+
+        Returns
+        -------
+        dict[str, Any]
+            What `from_dict` takes.
+        """
+        attribute = self.attribute
+        return {
+            "kind": attribute.kind,
+            "at": attribute.at,
+            "feature": attribute.feature,
+            "class": self.phone_class,
+            "phones": list(self.phones),
+            "label": self.label,
+        }
+
+    @classmethod
+    def from_dict(cls, row: Mapping[str, Any]) -> Question:
+        """Restore a question.
+
+        Parameters
+        ----------
+        row
+            What `to_dict` returned.
+
+        Returns
+        -------
+        Question
+            The same.
+        """
+        attribute = Attribute(row["kind"], int(row["at"]), row["feature"])
+        return cls(attribute, row["class"], tuple(row["phones"]), row["label"])
 
     @property
     def is_open(self) -> bool:
@@ -126,7 +161,7 @@ class Question:
 
     @property
     def name(self) -> str:
-        """What people call it."""
+        """Its name for people."""
         if self.label:
             return self.label
         if self.phone_class:
@@ -145,28 +180,44 @@ _CLASS_WORDS = {
 }
 
 
-def standard_questions() -> tuple[Question, ...]:
-    """The questions of Krňoul section 5.1."""
-    found: list[Question] = []
+def list_standard_questions() -> tuple[Question, ...]:
+    """List the questions of Krňoul section 5.1.
+
+    Returns
+    -------
+    tuple[Question, ...]
+        Those about one attribute together.
+    """
+    questions: list[Question] = []
     for at in (-1, 1):
         phone = Attribute("phone", at)
-        found += [Question(phone, phone_class=name) for name in QUESTION_CLASSES]
-        found.append(Question(phone))
-    found += [Question(Attribute("resistant", at)) for at in (-1, 1)]
-    found += [Question(Attribute("duration", at)) for at in (0, -1, 1)]
-    found.append(Question(Attribute("energy", 0)))
-    return tuple(found)
+        questions += [Question(phone, phone_class=name) for name in QUESTION_CLASSES]
+        questions.append(Question(phone))
+    questions += [Question(Attribute("resistant", at)) for at in (-1, 1)]
+    questions += [Question(Attribute("duration", at)) for at in (0, -1, 1)]
+    questions.append(Question(Attribute("energy", 0)))
+    return tuple(questions)
 
 
-def in_order(questions: Iterable[Question]) -> tuple[Question, ...]:
-    """Questions without repetition, those about one attribute together, classes before groups.
+def order_questions(questions: Iterable[Question]) -> tuple[Question, ...]:
+    """Order questions as they are tried: by attribute, classes before groups, none twice.
 
     Of two questions that divide equally well, growing takes the one that comes first: a class says
-    more about phones that were never seen there than a group that was found.
+    more about phones that were never seen there than a group that was fitted.
+
+    Parameters
+    ----------
+    questions
+        In any order.
+
+    Returns
+    -------
+    tuple[Question, ...]
+        Those about one attribute together.
     """
-    given = tuple(dict.fromkeys(questions))
-    attributes = list(dict.fromkeys(question.attribute for question in given))
-    return tuple(sorted(given, key=lambda q: (attributes.index(q.attribute), q.is_open)))
+    unique = tuple(dict.fromkeys(questions))
+    attributes = list(dict.fromkeys(question.attribute for question in unique))
+    return tuple(sorted(unique, key=lambda q: (attributes.index(q.attribute), q.is_open)))
 
 
 def read_questions(text: str, path: str | None = None) -> tuple[Question, ...]:
@@ -177,12 +228,17 @@ def read_questions(text: str, path: str | None = None) -> tuple[Question, ...]:
     text
         The table, TOML.
     path
-        The file it is from, for messages.
+        The file that it is from, for messages.
+
+    Returns
+    -------
+    tuple[Question, ...]
+        In the order of the table.
 
     Raises
     ------
     ConfigurationError
-        If it is no TOML, or a question cannot be asked.
+        If it is not TOML, or a question is not understood.
     """
     try:
         content = tomllib.loads(text)
@@ -195,46 +251,54 @@ def read_questions(text: str, path: str | None = None) -> tuple[Question, ...]:
         raise ConfigurationError(
             "the table of questions is not understood",
             path=path,
-            found=", ".join(content) or "'question' is no list of tables",
+            found=", ".join(content) or "'question' is not a list of tables",
             expected="tables [[question]]",
         )
-    return tuple(_question(row, number, path) for number, row in enumerate(rows, start=1))
+    return tuple(_read_question(row, number, path) for number, row in enumerate(rows, start=1))
 
 
-def _question(row: Mapping[str, Any], number: int, path: str | None) -> Question:
-    def refuse(problem: str, found: object = None, expected: object = None) -> ConfigurationError:
+def _read_question(row: Mapping[str, Any], number: int, path: str | None) -> Question:
+    """Read one question of a table."""
+
+    def make_error(
+        problem: str, value: object = None, expected: object = None
+    ) -> ConfigurationError:
         return ConfigurationError(
-            f"question {number} of the table cannot be asked: {problem}",
+            f"question {number} of the table is not understood: {problem}",
             path=path,
-            found=found,
+            found=value,
             expected=expected,
         )
 
     unknown = sorted(row.keys() - _FIELDS)
     if unknown:
-        raise refuse(
+        raise make_error(
             f"there is no setting '{unknown[0]}'", expected=f"some of {', '.join(sorted(_FIELDS))}"
         )
     ask, at, label = row.get("ask"), row.get("at", 0), row.get("name", "")
     if ask not in (*KINDS, "class"):
-        raise refuse("'ask' is unknown", found=ask, expected=f"one of {', '.join(KINDS)}, class")
+        raise make_error(
+            "'ask' is unknown", value=ask, expected=f"one of {', '.join(KINDS)}, class"
+        )
     if isinstance(at, bool) or not isinstance(at, int) or abs(at) > _FARTHEST:
-        raise refuse(
-            "'at' is no place",
-            found=at,
+        raise make_error(
+            "'at' is not the position of a phone",
+            value=at,
             expected=f"a whole number from -{_FARTHEST} to {_FARTHEST}",
         )
     if at == 0 and ask in ("phone", "class", "resistant"):
-        raise refuse(
-            "a tree is of one phone, and knows it", found="at = 0", expected="a phone beside it"
+        raise make_error(
+            "a tree is of one phone, which needs no question",
+            value="at = 0",
+            expected="a phone beside it",
         )
     if not isinstance(label, str):
-        raise refuse("'name' is no text", found=label)
+        raise make_error("'name' is not a text", value=label)
     phone_class, phones, feature = row.get("class", ""), row.get("phones", []), row.get("feature")
     if (ask == "class") != bool(phone_class) or (phone_class and phone_class not in _CLASS_WORDS):
-        raise refuse(
+        raise make_error(
             "the class of phones is not stated or unknown",
-            found=phone_class or f'ask = "{ask}" without class',
+            value=phone_class or f'ask = "{ask}" without class',
             expected=f'ask = "class" with one of {", ".join(QUESTION_CLASSES)}',
         )
     if "phones" in row and (
@@ -243,64 +307,57 @@ def _question(row: Mapping[str, Any], number: int, path: str | None) -> Question
         or not phones
         or not all(isinstance(phone, str) for phone in phones)
     ):
-        raise refuse("'phones' is no list of phones", found=phones, expected='such as ["P", "B"]')
+        raise make_error(
+            "'phones' is not a list of phones", value=phones, expected='such as ["P", "B"]'
+        )
     features = tuple(name for name in FEATURE_NAMES if name != "stress")
     if (ask == "feature") != (feature is not None) or (
         ask == "feature" and feature not in features
     ):
-        raise refuse(
+        raise make_error(
             "the feature is not stated or unknown",
-            found=feature,
+            value=feature,
             expected=f'ask = "feature" with one of {", ".join(features)}',
         )
     kind: Kind = "phone" if ask == "class" else ask
     return Question(Attribute(kind, at, feature or ""), phone_class, tuple(phones), label)
 
 
-def check_phones_of(questions: Iterable[Question], phone_set: PhoneSet) -> tuple[Question, ...]:
-    """Questions whose phones are written as the set writes them.
+def normalise_questions(questions: Iterable[Question], phone_set: PhoneSet) -> tuple[Question, ...]:
+    """Write the phones of questions as a phone set writes them.
+
+    Parameters
+    ----------
+    questions
+        Some of them about lists of phones.
+    phone_set
+        The set of the corpus.
+
+    Returns
+    -------
+    tuple[Question, ...]
+        In the same order.
 
     Raises
     ------
     ConfigurationError
         If a question names a phone that the set lacks.
     """
-    checked: list[Question] = []
+    normalised: list[Question] = []
     for question in questions:
         symbols: list[str] = []
         for phone in question.phones:
             parsed = phone_set.parse(phone)
             if parsed is None:
                 raise ConfigurationError(
-                    f"the question '{question.name}' asks for a phone that the phone set lacks",
+                    f"the question '{question.name}' is about a phone that the phone set lacks",
                     found=phone,
                     expected=f"phones of '{phone_set.name}'",
                 )
             symbols.append(parsed[0])
-        checked.append(
-            Question(question.attribute, question.phone_class, tuple(symbols), question.label)
-        )
-    return tuple(checked)
+        normalised.append(dataclasses.replace(question, phones=tuple(symbols)))
+    return tuple(normalised)
 
 
-def question_row(question: Question) -> dict[str, Any]:
-    """A question as values that JSON can hold."""
-    attribute = question.attribute
-    return {
-        "kind": attribute.kind,
-        "at": attribute.at,
-        "feature": attribute.feature,
-        "class": question.phone_class,
-        "phones": list(question.phones),
-        "label": question.label,
-    }
-
-
-def question_from_row(row: Mapping[str, Any]) -> Question:
-    """The question that `question_row` described."""
-    attribute = Attribute(row["kind"], int(row["at"]), row["feature"])
-    return Question(attribute, row["class"], tuple(row["phones"]), row["label"])
-
-
-def _ordinal(number: int) -> str:
+def _write_ordinal(number: int) -> str:
     return {1: "first", 2: "second", 3: "third"}.get(number, f"{number}th")

@@ -21,9 +21,9 @@ class CentreStream(WindowStream):
         Frames per second, hertz.
     parameters
         Number of face parameters.
-    ahead
+    phones_ahead
         How many phones after a segment must be known for the curve to be known up to its centre.
-    behind
+    phones_behind
         How many phones before a segment matter for the curve after its centre.
     reach
         How far from a frame smoothing looks, seconds.
@@ -34,17 +34,18 @@ class CentreStream(WindowStream):
         predict_at: Callable[[PhoneSequence, FloatArray], FloatArray],
         rate: float,
         parameters: int,
-        ahead: int,
-        behind: int,
+        phones_ahead: int,
+        phones_behind: int,
         reach: float,
     ) -> None:
         super().__init__(predict_at, rate, parameters, math.inf, math.inf)
-        self._ahead, self._behind, self._reach = ahead, behind, reach
+        self._phones_ahead, self._phones_behind = phones_ahead, phones_behind
+        self._reach = reach
 
     def _find_known_end(self) -> float:
-        last = len(self._segments) - 1 - self._ahead
+        last = len(self._segments) - 1 - self._phones_ahead
         return self._segments[last].centre - self._reach if last >= 0 else -math.inf
 
     def _count_passed(self, time: float) -> int:
         passed = sum(segment.centre <= time - self._reach for segment in self._segments)
-        return max(passed - 1 - self._behind, 0)
+        return max(passed - 1 - self._phones_behind, 0)
