@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mocap_fit.fitting.precision import compute_covariance
+from mocap_fit.fitting.precision import (
+    compute_covariance,
+    compute_deviations,
+    find_undetermined,
+)
 from mocap_fit.tracks.rigid import compute_motion_jacobian
 
 
@@ -64,3 +68,88 @@ def test_two_parameters_that_do_the_same_are_both_undetermined(rng: np.random.Ge
     deviation = np.diag(compute_covariance(jacobian, np.ones(8)))
     assert np.isinf(deviation[[1, 3]]).all()
     assert np.isfinite(deviation[[0, 2]]).all()
+
+
+def explicit_covariance(jacobian, weights, positions, head, head_weights):
+    """``A (I + P) Aᵀ`` as it is written, with dense matrices."""
+    flat = jacobian.reshape(-1, jacobian.shape[-1])
+    rows = np.diag(np.repeat(weights, 3))
+    gain = np.linalg.inv(flat.T @ rows @ flat) @ flat.T @ rows
+    centre = np.array([3.0, -2.0, 1.0])  # it may be any
+    of_head = compute_motion_jacobian(head, centre).reshape(-1, 6)
+    head_rows = np.diag(np.repeat(head_weights, 3))
+    pose = np.linalg.inv(of_head.T @ head_rows @ of_head) @ of_head.T @ head_rows
+    of_face = compute_motion_jacobian(positions, centre).reshape(-1, 6) @ pose
+    return gain @ (np.eye(len(flat)) + of_face @ of_face.T) @ gain.T
+
+
+@pytest.fixture
+def frames(rng):
+    """Some frames with hidden markers and head markers, all weights unlike."""
+    count, markers, parameters = 6, 12, 4
+    jacobian = rng.normal(0, 3, (count, markers, 3, parameters))
+    weights = np.tile(rng.uniform(0.5, 2.0, markers), (count, 1))
+    weights[rng.random(weights.shape) < 0.2] = 0.0
+    head_weights = np.tile(rng.uniform(0.5, 2.0, 5), (count, 1))
+    head_weights[1, 2] = head_weights[2, :2] = head_weights[3, :3] = 0.0
+    positions = rng.normal(0, 40, (count, markers, 3))
+    return jacobian, weights, positions, rng.normal(0, 60, (5, 3)), head_weights
+
+
+def test_the_covariance_is_its_formula(frames):
+    jacobian, weights, positions, head, _ = frames
+    expected = explicit_covariance(jacobian[0], weights[0] + 0.1, positions[0], head, np.ones(5))
+    found = compute_covariance(
+        jacobian[0], weights[0] + 0.1, positions=positions[0], head_positions=head
+    )
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_deviations_of_frames_are_those_of_each(frames):
+    """Frame 3 shows two head markers, which tell no pose: it counts as exact."""
+    jacobian, weights, positions, head, head_weights = frames
+    deviations, bare = compute_deviations(
+        jacobian, weights, positions=positions, head_positions=head, head_weights=head_weights
+    )
+    for frame, seen in enumerate(weights > 0):
+        alone = compute_covariance(jacobian[frame, seen], weights[frame, seen])
+        np.testing.assert_allclose(bare[frame], np.sqrt(np.diag(alone)), rtol=1e-9)
+        there = head_weights[frame] > 0
+        posed = alone
+        if frame != 3:
+            posed = explicit_covariance(
+                jacobian[frame, seen],
+                weights[frame, seen],
+                positions[frame, seen],
+                head[there],
+                head_weights[frame, there],
+            )
+        np.testing.assert_allclose(deviations[frame], np.sqrt(np.diag(posed)), rtol=1e-9)
+    assert (deviations[:3] > bare[:3] * 1.0001).all()
+
+
+def test_head_markers_on_a_line_leave_the_rest_of_the_pose(frames):
+    jacobian, weights, positions, _, _ = frames
+    line = np.array([[-60.0, 0, 0], [10, 0, 0], [50, 0, 0]])
+    deviations, bare = compute_deviations(
+        jacobian, weights, positions=positions, head_positions=line, head_weights=np.ones((6, 3))
+    )
+    assert np.isfinite(deviations).all()
+    assert (deviations > bare).all()
+
+
+def test_undetermined_parameters_of_frames_are_infinite(frames):
+    jacobian, weights, positions, head, head_weights = frames
+    jacobian = np.repeat(jacobian[:1], 6, axis=0)
+    # Only marker 0 shows parameter 1, and only the hidden ones of frame 2 show anything.
+    jacobian[:, 1:, :, 1] = 0.0
+    weights[:, 0] = [1, 0, 0, 1, 0, 1]
+    weights[2] = 0.0
+    expected = np.zeros((6, 4), dtype=bool)
+    expected[[1, 4], 1] = expected[2] = True
+    np.testing.assert_array_equal(find_undetermined(jacobian[0], weights), expected)
+    deviations, bare = compute_deviations(
+        jacobian, weights, positions=positions, head_positions=head, head_weights=head_weights
+    )
+    np.testing.assert_array_equal(np.isinf(deviations), expected)
+    np.testing.assert_array_equal(np.isinf(bare), expected)
