@@ -60,7 +60,7 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     path
         File to read.
     rate
-        Not used.
+        Sampling rate, hertz; not used.
 
     Returns
     -------
@@ -114,7 +114,7 @@ def to_text(
     path
         Not used.
     rate
-        Not used.
+        Sampling rate, hertz; not used.
 
     Returns
     -------

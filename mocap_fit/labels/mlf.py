@@ -51,7 +51,7 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     path
         File to read.
     rate
-        Not used.
+        Sampling rate, hertz; not used.
 
     Returns
     -------
@@ -113,7 +113,7 @@ def to_text(
     path
         File for messages.
     rate
-        Not used.
+        Sampling rate, hertz; not used.
 
     Returns
     -------

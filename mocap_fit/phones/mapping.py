@@ -104,7 +104,8 @@ def normalise_phones(
     Returns
     -------
     PhoneSequence
-        The phones, with the name of the set.
+        The phones, with the name of the set; the same sequence if it is one of phones of this set
+        already.
 
     Raises
     ------
@@ -113,6 +114,10 @@ def normalise_phones(
     """
     known_set = _load(phone_set)
     table = table or {}
+    symbols = {segment.phone for segment in sequence}
+    is_normal = all(known_set.parse(symbol) == (symbol, None) for symbol in symbols)
+    if is_normal and not table and sequence.phone_set == known_set.name:
+        return sequence
     parsed = [known_set.parse(table.get(s.phone, s.phone)) for s in sequence]
     pairs = list(zip(sequence, parsed, strict=True))
     _refuse(

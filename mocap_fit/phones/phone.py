@@ -57,7 +57,7 @@ class Phone:
     kind
         ``vowel``, ``consonant`` or ``silence``.
     values
-        Features by name, without class and stress; 0 where not named.
+        Features by name, -1 to 1, without class and stress; 0 where not named.
     ipa
         The sound in IPA, then other sounds that the symbol stands for. Empty for phones without
         an IPA symbol, such as silence or the release of a stop.

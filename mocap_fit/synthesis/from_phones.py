@@ -99,7 +99,7 @@ def phones_for(
         raise DataError(f"the model '{model.name}' is not trained", advice="Train or load it.")
     own = model.phone_set_
     if not phones.phone_set or phones.phone_set == own.name:
-        return normalise_phones(phones, own).replace(phone_set=own.name)
+        return normalise_phones(phones, own)
     if not nearest and not _one_language(phones.phone_set, own):
         raise DataError(
             "the model was trained on another phone set",
