@@ -157,12 +157,11 @@ def real_corpus(data: Path, converted: Path | None) -> Corpus | None:
         return in_memory(open_corpus(converted))
     if not (data / "grid_s1").is_dir():
         return None
-    from corpus_tools.conversion.convert import run as convert
+    from corpus_tools.conversion.convert import convert
 
     manifest = Path(__file__).parents[1] / "fixtures" / "manifests" / "grid_s1.toml"
     out = Path(tempfile.mkdtemp()) / "corpus"
-    with contextlib.redirect_stdout(sys.stderr):
-        convert(manifest, root=data / "grid_s1", out=out)
+    convert(manifest, root=data / "grid_s1", out=out)
     return in_memory(open_corpus(out))
 
 

@@ -57,6 +57,30 @@ def limit_threads() -> None:
     os.environ["JE_ARROW_MALLOC_CONF"] = "background_thread:false"
 
 
+@contextlib.contextmanager
+def use_one_thread() -> Iterator[None]:
+    """Let numerical libraries use one thread, so that sums do not depend on the machine.
+
+    It holds for libraries that are loaded already and for those that are loaded inside; it also
+    decorates functions.
+
+    Yields
+    ------
+    None
+        Nothing.
+    """
+    from threadpoolctl import threadpool_limits
+
+    before = dict(os.environ)
+    limit_threads()
+    try:
+        with threadpool_limits(limits=1):
+            yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+
+
 def count_cores() -> int:
     """Return how many processes can work at once on this machine.
 

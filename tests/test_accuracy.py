@@ -6,7 +6,7 @@ Thirty-five markers, head motion of ±30 mm and ±20°, 5 % drop-outs.
 import numpy as np
 import pytest
 
-from corpus_tools.demo.comparison import Accuracy, FittedRecording, accuracy
+from corpus_tools.demonstration.comparison import Accuracy, FittedRecording, measure_accuracy
 from corpus_tools.simulation import OTHER_SPEAKER, Conditions, Session
 from mocap_fit.face import Rig, load_face
 from mocap_fit.face.builtin import load_built_in_head, reshape_head
@@ -65,12 +65,12 @@ def measure(
         np.testing.assert_allclose(back.positions, made.recording.positions, atol=1e-6)
         fit = fit_shape(speaker.binding, still, objective=objective)
     recording = FittedRecording(made.recording, fit, motion, made.parameters, made.pose)
-    return accuracy(
+    return measure_accuracy(
         [recording],
         speaker.binding,
         noise,
         bounded=wearer is None,
-        pose_given=pose_given,
+        pose_known=pose_given,
     )
 
 

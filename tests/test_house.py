@@ -46,6 +46,9 @@ ROOMS = {
     ),
     # The commands' work, and last the command line, which calls it and prints what it returns.
     "corpus_tools": (
+        "html_page",
+        "json_file",
+        "tasks",
         "batch",
         "conversion",
         "simulation",
@@ -53,7 +56,7 @@ ROOMS = {
         "training",
         "talking",
         "inspection",
-        "demo",
+        "demonstration",
         "cli",
     ),
 }

@@ -75,9 +75,9 @@ VERBS = frozenset(
 # Nouns of what a function returns, where numpy, scipy or scikit-learn would say it so.
 NOUNS = frozenset(
     """
-    adjoint at between correlation cost covariance default derivative dot energy_db equals exp
+    adjoint at between correlation cost covariance default demo derivative dot energy_db equals exp
     factory
-    gradient hessian indices interpolant inverse jacobian kernel log main matrix mean median
+    gradient hessian indices info interpolant inverse jacobian kernel log main matrix mean median
     names norm objective orthonormal percentile residual residuals ridge rms smoothstep softmax
     sigmoid std tanh values variance wrapper
     """.split()

@@ -1,4 +1,4 @@
-"""Work on many items over a dask cluster, as `processes` does over those of this machine."""
+"""Work on many items over a dask cluster, as `mocap_fit.processes` does on this machine."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import logging
 import threading
 import warnings
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 from mocap_fit.errors import ConfigurationError, MissingExtraError
@@ -16,6 +17,13 @@ from mocap_fit.processes import DeadProcess, Results, Work
 _PATIENCE = 8
 
 
+@dataclass(frozen=True, eq=False)
+class Done:
+    """In place of an item: its result, which needs no worker."""
+
+    result: Any
+
+
 def over_cluster(
     work: Work, shared: Any, items: Iterable[Any], address: str, version: str
 ) -> Results:
@@ -23,10 +31,13 @@ def over_cluster(
 
     Parameters
     ----------
-    work, shared
-        As for `run_in_processes`; ``shared`` is sent to each worker once.
+    work
+        A function at the top of a module: ``work(shared, item, progress)``.
+    shared
+        What it needs for every item; sent to each worker once.
     items
-        Taken one by one as there is room, so they may be made when they are asked for.
+        Taken one by one as workers become free, so they may be created lazily; `Done` in place of
+        an item is passed through.
     address
         Where the scheduler listens, such as ``tcp://192.168.0.7:8786``.
     version
@@ -51,44 +62,48 @@ def over_cluster(
             "working on a dask cluster needs dask.distributed",
             advice="Install it with pip install 'mocap-fit[dask]'.",
         ) from None
-    # Its log tells in many lines what we tell in one.
+    # Its log says in many lines what our messages say in one.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    client = _connected(distributed, address)
+    client = _connect(distributed, address)
     under_way: dict[Any, int] = {}
     news = threading.Event()
     try:
         _check_workers(client, address, version)
-        there = client.scatter(shared, broadcast=True, hash=False)
+        scattered = client.scatter(shared, broadcast=True, hash=False)
         waiting = enumerate(items)
-        left = True
-        while left or under_way:
-            room = 2 * max(1, len(client.nthreads())) if left else 0
-            while left and len(under_way) < room:
-                pair = next(waiting, None)
-                if pair is None:
-                    left = False
-                    break
-                with warnings.catch_warnings():
-                    # A long recording is large, and dask would rather have it on a disk.
-                    warnings.simplefilter("ignore", UserWarning)
-                    future = client.submit(_on_cluster, work, there, pair[1], pure=False)
-                under_way[future] = pair[0]
-                future.add_done_callback(lambda _: news.set())
-            # Looked at now and then also unasked, should the connection be lost.
-            news.wait(_PATIENCE)
+        more = True
+        while more or under_way:
+            while more and len(under_way) < 2 * max(1, len(client.nthreads())):
+                index, item = next(waiting, (-1, None))
+                if isinstance(item, Done):
+                    yield index, item.result
+                elif index >= 0:
+                    future = _submit(client, work, scattered, item)
+                    under_way[future] = index
+                    future.add_done_callback(lambda _: news.set())
+                else:
+                    more = False
+            # The timeout is for a connection that was lost.
+            if under_way:
+                news.wait(_PATIENCE)
             news.clear()
             ended = [future for future in under_way if future.status != "pending"]
             for future in sorted(ended, key=under_way.__getitem__):
-                index = under_way.pop(future)
-                yield index, _result(distributed, future)
-                del future
+                yield under_way.pop(future), _fetch_result(distributed, future)
     finally:
         with contextlib.suppress(Exception):
             client.cancel(list(under_way))
         client.close(timeout=2)
 
 
-def _connected(distributed: Any, address: str) -> Any:
+def _submit(client: Any, work: Work, scattered: Any, item: Any) -> Any:
+    with warnings.catch_warnings():
+        # A recording is large, and dask warns that it should be on a disk.
+        warnings.simplefilter("ignore", UserWarning)
+        return client.submit(_work_on_cluster, work, scattered, item, pure=False)
+
+
+def _connect(distributed: Any, address: str) -> Any:
     try:
         return distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
     except (OSError, TimeoutError, ValueError, ImportError) as error:
@@ -110,34 +125,34 @@ def _check_workers(client: Any, address: str, version: str) -> None:
             advice=f"Start some with `dask worker {address}`.",
         ) from None
     try:
-        found = set(client.run(_version).values())
+        versions = set(client.run(_get_version).values())
     except Exception as error:
-        found = {f"{type(error).__name__}: {error}"}
-    if found != {version}:
+        versions = {f"{type(error).__name__}: {error}"}
+    if versions != {version}:
         raise ConfigurationError(
             "the workers of the cluster do not have this version of mocap-fit",
-            found=", ".join(sorted(found)),
+            found=", ".join(sorted(versions)),
             expected=version,
             advice="Install the same version on every machine.",
         )
 
 
-def _version() -> str:
+def _get_version() -> str:
     from mocap_fit._version import __version__
 
     return __version__
 
 
-# A worker may have several threads, but what is warned about is kept for the whole process.
+# A worker may have several threads, but warnings are caught for the complete process.
 _one_at_a_time = threading.Lock()
 
 
-def _on_cluster(work: Work, shared: Any, item: Any) -> Any:
+def _work_on_cluster(work: Work, shared: Any, item: Any) -> Any:
     with _one_at_a_time:
         return work(shared, item, lambda done, of: None)
 
 
-def _result(distributed: Any, future: Any) -> Any:
+def _fetch_result(distributed: Any, future: Any) -> Any:
     if future.status == "finished":
         return future.result()
     if future.status == "error":

@@ -2,22 +2,132 @@
 
 from __future__ import annotations
 
+import re
+import tomllib
 from collections.abc import Sequence
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
+Jobs = Annotated[int, typer.Option(min=0, help="Number of processes; 0 for one per core.")]
+Dask = Annotated[
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Work on a dask cluster: tcp://HOST:PORT."),
+]
+Dictionary = Annotated[
+    Path | None, typer.Option(help="A pronouncing dictionary in CMU's format.", readable=False)
+]
+Face = Annotated[str, typer.Option(help="The face: built-in, or a rig file.")]
+Layout = Annotated[str, typer.Option(help="The marker layout: a shipped name, or a TOML file.")]
+
+_BETWEEN = re.compile(r"(\d+(?:\.\d*)?)-(\d+(?:\.\d*)?)")
 
 
-def one_of(value: str, known: Sequence[str], option: str) -> str:
-    """The value, if it is known.
+def check_choice(value: str, known: Sequence[str], option: str) -> str:
+    """Return a value if it is a known one.
+
+    Parameters
+    ----------
+    value
+        What the user gave.
+    known
+        The known values.
+    option
+        Name of the option.
+
+    Returns
+    -------
+    str
+        The value.
 
     Raises
     ------
     typer.BadParameter
-        If it is not: the call is wrong.
+        If it is not known: the call is wrong.
     """
     if value not in known:
         raise typer.BadParameter(f"'{value}' is not one of {', '.join(known)}", param_hint=option)
     return value
+
+
+def check_workers(dask: str | None, jobs: int) -> None:
+    """Refuse a cluster together with a number of processes.
+
+    Parameters
+    ----------
+    dask
+        Address of the cluster; None for this machine.
+    jobs
+        Number of processes.
+
+    Raises
+    ------
+    typer.BadParameter
+        If both are there: the call is wrong.
+    """
+    if dask is not None and jobs != 1:
+        raise typer.BadParameter(
+            "goes without --jobs: the cluster has its workers", param_hint="--dask"
+        )
+
+
+def parse_between(text: str | None) -> tuple[float, float] | None:
+    """Return start and end of a part of a recording.
+
+    Parameters
+    ----------
+    text
+        ``START-END`` in seconds; None for the complete recording.
+
+    Returns
+    -------
+    tuple[float, float] | None
+        Seconds.
+
+    Raises
+    ------
+    typer.BadParameter
+        If the text is something else, or the end is not after the start.
+    """
+    if text is None:
+        return None
+    match = _BETWEEN.fullmatch(text.strip())
+    if match is None or not float(match[1]) < float(match[2]):
+        raise typer.BadParameter(
+            f"'{text}' is not START-END in seconds, such as 12.5-60", param_hint="--between"
+        )
+    return float(match[1]), float(match[2])
+
+
+def parse_settings(settings: Sequence[str]) -> dict[str, Any]:
+    """Return the settings of a model by their names.
+
+    Parameters
+    ----------
+    settings
+        ``KEY=VALUE`` each; a value that is not TOML is text.
+
+    Returns
+    -------
+    dict[str, Any]
+        The values.
+
+    Raises
+    ------
+    typer.BadParameter
+        If one has no = or no key.
+    """
+    values: dict[str, Any] = {}
+    for setting in settings:
+        key, equals, text = setting.partition("=")
+        key = key.strip().replace("-", "_")
+        if not equals or not key.isidentifier():
+            raise typer.BadParameter(f"'{setting}' is not KEY=VALUE", param_hint="--set")
+        try:
+            value = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            value = text
+        values[key] = tuple(value) if isinstance(value, list) else value
+    return values

@@ -1,4 +1,4 @@
-"""What every command shares: exit statuses, the error boundary, warnings, JSON, progress.
+"""Exit statuses, errors, warnings and Ctrl-C on the command line.
 
 Results go to stdout, everything else to stderr. Nothing here imports a heavy package, so that
 ``mocap-fit --help`` stays quick.
@@ -7,32 +7,27 @@ Results go to stdout, everything else to stderr. Nothing here imports a heavy pa
 from __future__ import annotations
 
 import contextlib
-import json
-import math
 import os
 import signal
 import sys
 import threading
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING
 
 from mocap_fit.errors import MocapFitError, MocapFitWarning, describe_error
 
 if TYPE_CHECKING:
     from types import FrameType
 
-    from rich.console import Console
-    from rich.table import Table
-
 PROGRAM = "mocap-fit"
 DEBUG_VARIABLE = "MOCAP_FIT_DEBUG"
 
 
 class Status(IntEnum):
-    """What the program ends with."""
+    """Exit status of the program."""
 
     DONE = 0
     BAD_DATA = 1
@@ -52,9 +47,14 @@ class ReaderGoneError(Exception):
 
 @contextlib.contextmanager
 def command_boundary() -> Iterator[None]:
-    """Take Ctrl-C and a closed pipe out of typer's hands.
+    """Let Ctrl-C and a closed pipe pass through typer as exceptions that it does not know.
 
-    Typer's own answers to these two change from version to version; ours go up to `guarded`.
+    Its answers to these two change from version to version.
+
+    Yields
+    ------
+    None
+        Nothing.
     """
     try:
         yield
@@ -64,18 +64,28 @@ def command_boundary() -> Iterator[None]:
         raise ReaderGoneError from None
 
 
-def guarded(action: Callable[[], object]) -> int:
-    """Run a command and return the exit status; no error gets past.
+def run_guarded(action: Callable[[], object]) -> int:
+    """Run a command and return the exit status; every error is caught.
 
     Bad data and a failing disk are one line on stderr. Anything unexpected is one line too, which
-    says that the fault is ours and how to see the traceback.
+    says that it is a bug and how to see the traceback.
+
+    Parameters
+    ----------
+    action
+        The command.
+
+    Returns
+    -------
+    int
+        The exit status.
     """
     try:
-        with _noted(), warnings_in_one_line():
+        with _count_interrupts(), show_warnings():
             try:
                 action()
             except SystemExit as stop:
-                status = _exit_status(stop.code)
+                status = _to_exit_status(stop.code)
             else:
                 status = Status.DONE
             sys.stdout.flush()
@@ -83,21 +93,21 @@ def guarded(action: Callable[[], object]) -> int:
         _close_stdout_quietly()
         status = Status.READER_GONE
     except (Exception, KeyboardInterrupt) as error:
-        status = _told(error)
+        status = _report_end(error)
     finally:
         _interrupts.clear()
     return int(status)
 
 
-def _told(error: BaseException) -> Status:
-    """Tell the user why a command ended; returns what it ends with."""
+def _report_end(error: BaseException) -> Status:
+    """Print why a command ended, and return its exit status."""
     if _interrupts or isinstance(error, (StoppedError, KeyboardInterrupt)):
         say("stopped")
         return Status.STOPPED
     if isinstance(error, (MocapFitError, OSError, MemoryError)):
-        report(error)
+        print_error(error)
         return Status.BAD_DATA
-    if debugging():
+    if is_debugging():
         traceback.print_exc()
     say(
         f"error: this is a bug in mocap-fit ({type(error).__name__}: {error}). "
@@ -106,62 +116,95 @@ def _told(error: BaseException) -> Status:
     return Status.BUG
 
 
-# How often Ctrl-C came since the command began.
+# One entry for each Ctrl-C since the command began.
 _interrupts: list[int] = []
 
 
 @contextlib.contextmanager
-def _noted() -> Iterator[None]:
-    """Let Ctrl-C do what it does, and note that it came.
+def _count_interrupts() -> Iterator[None]:
+    """Count Ctrl-C besides raising KeyboardInterrupt.
 
-    Python and libraries make errors of their own of it: numpy's ``unique`` over rows a TypeError,
-    when it comes while two of them are compared, and ``int`` of a text a ValueError, by which
-    pandas tells numbers from words.
+    Python and libraries turn the exception into other ones: numpy's ``unique`` over rows into a
+    TypeError, when it comes while two of them are compared, and ``int`` of a text into a
+    ValueError, by which pandas distinguishes numbers from words.
     """
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         _interrupts.append(number)
         signal.default_int_handler(number, frame)
 
-    ours = (
+    is_default = (
         threading.current_thread() is threading.main_thread()
         and signal.getsignal(signal.SIGINT) is signal.default_int_handler
     )
-    if ours:
+    if is_default:
         signal.signal(signal.SIGINT, interrupt)
     try:
         yield
     finally:
-        if ours:
+        if is_default:
             signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def stop_if_asked() -> None:
-    """Stop where Ctrl-C came and did not get through; long work asks this now and then."""
+def stop_if_interrupted() -> None:
+    """Raise KeyboardInterrupt if Ctrl-C came and its exception was lost.
+
+    Long work calls this now and then.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If Ctrl-C came.
+    """
     if _interrupts:
         raise KeyboardInterrupt
 
 
-def debugging() -> bool:
-    """Whether the user asked for tracebacks."""
+def is_debugging() -> bool:
+    """Whether the user wants tracebacks.
+
+    Returns
+    -------
+    bool
+        True if the environment variable `DEBUG_VARIABLE` is set, but for 0.
+    """
     return os.environ.get(DEBUG_VARIABLE, "") not in ("", "0")
 
 
-def report(error: MocapFitError | OSError | MemoryError) -> None:
-    """Print an error that the user can mend, as one line on stderr."""
-    if debugging():
+def print_error(error: MocapFitError | OSError | MemoryError) -> None:
+    """Print an error of the user's data as one line on stderr.
+
+    Parameters
+    ----------
+    error
+        The error.
+    """
+    if is_debugging():
         traceback.print_exception(error)
     say(f"error: {describe_error(error)}")
 
 
-def show_traceback(text: str) -> None:
-    """Print the traceback of another process, as it is, for those who debug."""
-    print(text, file=sys.stderr, flush=True)
+def print_traceback(text: str | None) -> None:
+    """Print the traceback of another process while debugging.
+
+    Parameters
+    ----------
+    text
+        The traceback; None where there is none.
+    """
+    if text is not None and is_debugging():
+        print(text, file=sys.stderr, flush=True)
 
 
 def say(text: str) -> None:
-    """Print one line on stderr, after the program's name."""
-    line = f"{PROGRAM}: {printable(text)}"
+    """Print one line on stderr, after the program's name.
+
+    Parameters
+    ----------
+    text
+        The line.
+    """
+    line = f"{PROGRAM}: {to_printable(text)}"
     try:
         print(line, file=sys.stderr, flush=True)
     except UnicodeEncodeError:
@@ -169,8 +212,19 @@ def say(text: str) -> None:
         print(line.encode(encoding, "backslashreplace").decode(encoding), file=sys.stderr)
 
 
-def printable(text: str) -> str:
-    """The text on one line; control characters of a strange file are shown, not obeyed."""
+def to_printable(text: str) -> str:
+    """Return a text on one line, with control characters escaped.
+
+    Parameters
+    ----------
+    text
+        Any text, such as the name of a marker in a damaged file.
+
+    Returns
+    -------
+    str
+        The line.
+    """
     line = " ".join(text.split())
     return "".join(
         character if character.isprintable() else character.encode("unicode_escape").decode()
@@ -179,8 +233,14 @@ def printable(text: str) -> str:
 
 
 @contextlib.contextmanager
-def warnings_in_one_line() -> Iterator[None]:
-    """Show each warning as one line on stderr, and the same line only once."""
+def show_warnings() -> Iterator[None]:
+    """Show each warning as one line on stderr, and the same line only once.
+
+    Yields
+    ------
+    None
+        Nothing.
+    """
     seen: set[str] = set()
 
     def show(
@@ -199,133 +259,17 @@ def warnings_in_one_line() -> Iterator[None]:
             say(text)
 
     with warnings.catch_warnings():
-        if not debugging():
-            # What a library says to its programmers is nothing that a user can mend.
+        if not is_debugging():
+            # These are for the programmers of libraries.
             warnings.simplefilter("ignore", DeprecationWarning)
             warnings.simplefilter("ignore", FutureWarning)
-        # Python shows a warning once a place; two files with the same fault deserve one each.
+        # Python shows a warning once per line of code; two files may have the same fault.
         warnings.simplefilter("always", MocapFitWarning)
         warnings.showwarning = show
         yield
 
 
-def print_json(value: object) -> None:
-    """Print a value as JSON on stdout; see `json_text`."""
-    print(json_text(value))
-
-
-def json_text(value: object) -> str:
-    """A value as JSON text: ASCII, and null where a number is not finite."""
-    return json.dumps(_plain(value), indent=2, allow_nan=False)
-
-
-def screen() -> Console:
-    """Where tables for people go: stdout, through rich."""
-    from rich.console import Console
-
-    class Screen(Console):
-        def print(self, *objects: Any, **options: Any) -> None:
-            # A table that is too wide runs over the edge; rich would cut it off.
-            super().print(*objects, **{"crop": False, **options})
-
-        def on_broken_pipe(self) -> None:  # rich would end with the status of bad data
-            raise ReaderGoneError
-
-    # Names of files and markers are shown as they are, whatever brackets and colons they hold.
-    return Screen(markup=False, emoji=False)
-
-
-def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    """A table for a terminal: the first column to the left, numbers to the right.
-
-    Parameters
-    ----------
-    header
-        Names of the columns.
-    rows
-        A text each cell.
-    """
-    from rich import box
-    from rich.table import Table
-
-    made = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    for i, name in enumerate(header):
-        # Where the terminal is narrow the names of columns are broken, and no number is cut.
-        widest = max((len(row[i]) for row in rows), default=0)
-        justify: Literal["left", "right"] = "right" if i else "left"
-        made.add_column(name, justify=justify, min_width=widest, overflow="fold")
-    for row in rows:
-        made.add_row(*row)
-    return made
-
-
-@contextlib.contextmanager
-def progress(task: str, total: int) -> Iterator[Callable[[], None]]:
-    """Show how far a long task is, on stderr: a bar on a terminal, else a line each tenth.
-
-    Parameters
-    ----------
-    task
-        What is being done to what, such as ``fitting recordings``.
-    total
-        How many there are.
-
-    Yields
-    ------
-    Callable
-        To be called after each one.
-    """
-    with (_bar if on_terminal() else _lines)(task, total) as show:
-
-        def advance() -> None:
-            stop_if_asked()
-            show()
-
-        yield advance
-
-
-@contextlib.contextmanager
-def _lines(task: str, total: int) -> Iterator[Callable[[], None]]:
-    done = tenths = 0
-
-    def show() -> None:
-        nonlocal done, tenths
-        done += 1
-        if done * 10 // total > tenths:
-            tenths = done * 10 // total
-            say(f"{task}: {done} of {total}")
-
-    yield show
-
-
-@contextlib.contextmanager
-def _bar(task: str, total: int) -> Iterator[Callable[[], None]]:
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True)) as shown:
-        row = shown.add_task(task, total=total)
-        yield lambda: shown.advance(row)
-
-
-def on_terminal() -> bool:
-    """Whether stderr is a terminal that can draw a bar."""
-    return sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
-
-
-def _exit_status(code: str | int | None) -> int:
+def _to_exit_status(code: str | int | None) -> int:
     if code is None:
         return Status.DONE
     if isinstance(code, int):
@@ -334,24 +278,9 @@ def _exit_status(code: str | int | None) -> int:
     return Status.BAD_DATA
 
 
-def _plain(value: Any) -> Any:
-    """The value in what JSON knows."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple, set, frozenset)):
-        return [_plain(item) for item in value]
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    if hasattr(value, "tolist"):  # a numpy array or number
-        return _plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
 def _close_stdout_quietly() -> None:
-    """Let the interpreter's last flush go nowhere, or it would complain after all."""
+    """Let the interpreter's last flush go nowhere, or it would print an error."""
     with contextlib.suppress(OSError, ValueError, AttributeError):
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, sys.stdout.fileno())
-        os.close(nowhere)
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, sys.stdout.fileno())
+        os.close(null)

@@ -1,13 +1,106 @@
-"""The commands that make a corpus of recordings; `cli` puts them on the command line."""
+"""The commands that make recordings and corpora; `app` puts them on the command line."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from corpus_tools.cli import arguments, console, display
 from corpus_tools.cli.arguments import AsJson
+from corpus_tools.cli.console import Status
+
+
+def fit(
+    recordings: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RECORDING", help="Recordings: files, folders or patterns.", readable=False
+        ),
+    ],
+    reference: Annotated[
+        Path,
+        typer.Option(
+            help="A recording of the reference pose: face at rest, lips closed.", readable=False
+        ),
+    ],
+    layout: arguments.Layout,
+    out: Annotated[Path, typer.Option(help="The folder for OUT/NAME.parquet.", readable=False)],
+    face: arguments.Face = "built-in",
+    between: Annotated[
+        str | None,
+        typer.Option(metavar="START-END", help="Fit only this part of each recording (seconds)."),
+    ] = None,
+    objective: Annotated[
+        str, typer.Option(help="What is minimised: distances, squares or huber.")
+    ] = "distances",
+    solver: Annotated[
+        str,
+        typer.Option(
+            help="newton-nlopt, newton, or an nlopt algorithm (LN_PRAXIS: Powell's, the paper's)."
+        ),
+    ] = "newton-nlopt",
+    refine_pose: Annotated[
+        bool, typer.Option("--refine-pose", help="Fit the head's pose together with the shape.")
+    ] = False,
+    smooth: Annotated[
+        bool,
+        typer.Option("--smooth", help="Fit all frames together, as smooth as the data say."),
+    ] = False,
+    jobs: arguments.Jobs = 1,
+    dask: arguments.Dask = None,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Fit again what an earlier run has fitted.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Fit face parameters to recordings, frame by frame.
+
+    Recordings that an earlier run has fitted in the same way are skipped, so that a run that was
+    stopped goes on where it was.
+    """
+    from mocap_fit.processes import limit_threads
+
+    arguments.check_workers(dask, jobs)
+    part = arguments.parse_between(between)
+    limit_threads()
+    from corpus_tools.cli import corpus_printing
+    from corpus_tools.conversion.fit import fit as run
+    from mocap_fit.fitting.objective import OBJECTIVES
+    from mocap_fit.fitting.solving import SOLVERS
+
+    with corpus_printing.show_fit_progress() as progress:
+        report = run(
+            recordings,
+            reference=reference,
+            layout=layout,
+            out=out,
+            face=face,
+            between=part,
+            objective=arguments.check_choice(objective, OBJECTIVES, "--objective"),  # type: ignore[arg-type]
+            solver=arguments.check_choice(solver, SOLVERS, "--solver"),
+            refine_pose=refine_pose,
+            smooth=smooth,
+            jobs=jobs,
+            cluster=dask,
+            fresh=fresh,
+            progress=progress,
+        )
+    if as_json:
+        display.print_json(report.to_dict())
+    else:
+        corpus_printing.print_fit(report)
+    raise typer.Exit(Status.BAD_DATA if report.errors else Status.DONE)
+
+
+def _print_example(wanted: bool) -> None:
+    if wanted:
+        from corpus_tools.conversion.manifest import read_example
+
+        typer.echo(read_example(), nl=False)
+        raise typer.Exit
 
 
 def convert(
@@ -21,12 +114,12 @@ def convert(
         ),
     ],
     out: Annotated[
-        Path, typer.Option(help="The corpus: a new folder, or a former corpus.", readable=False)
+        Path, typer.Option(help="The corpus: a new folder, or an earlier corpus.", readable=False)
     ],
     root: Annotated[
         Path | None,
         typer.Option(
-            help="What the manifest's paths are under, where it is not the manifest's folder.",
+            help="The folder of the manifest's paths; by default that of the manifest.",
             readable=False,
         ),
     ] = None,
@@ -34,32 +127,37 @@ def convert(
         str | None, typer.Option(help="In place of the manifest's; needed without one.")
     ] = None,
     layout: Annotated[str | None, typer.Option(help="In place of the manifest's.")] = None,
-    jobs: Annotated[int, typer.Option(min=0, help="How many processes; 0: one a core.")] = 1,
-    dask: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Convert on a dask cluster: tcp://HOST:PORT."),
-    ] = None,
+    jobs: arguments.Jobs = 1,
+    dask: arguments.Dask = None,
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="Convert also what a former run has converted.")
+        bool, typer.Option("--fresh", help="Convert again what an earlier run has converted.")
     ] = False,
     as_json: AsJson = False,
+    example: Annotated[
+        bool,
+        typer.Option(
+            "--example",
+            callback=_print_example,
+            is_eager=True,
+            help="Print a manifest with every key, and end.",
+        ),
+    ] = False,
 ) -> None:
     """Convert recordings, labels and sound to a corpus.
 
-    Bad utterances are named and left out. What a former run converted from the same files in the
-    same way is kept, so that a run that was stopped goes on where it was.
+    Bad utterances are named and left out. What an earlier run has converted from the same files
+    in the same way is skipped, so that a run that was stopped goes on where it was. Every key of
+    a manifest is explained by `mocap-fit convert --example`.
     """
     from mocap_fit.processes import limit_threads
 
-    if dask is not None and jobs != 1:
-        raise typer.BadParameter(
-            "goes without --jobs: the cluster has its own", param_hint="--dask"
-        )
+    arguments.check_workers(dask, jobs)
     limit_threads()
-    from corpus_tools.conversion import convert as command
+    from corpus_tools.cli import corpus_printing
+    from corpus_tools.conversion.convert import convert as run
 
-    raise typer.Exit(
-        command.run(
+    with corpus_printing.show_conversion_progress() as progress:
+        report = run(
             manifest,
             root=root,
             out=out,
@@ -68,13 +166,19 @@ def convert(
             jobs=jobs,
             cluster=dask,
             fresh=fresh,
-            as_json=as_json,
+            progress=progress,
         )
-    )
+    for line in report.messages:
+        console.say(line)
+    if as_json:
+        display.print_json(report.to_dict())
+    else:
+        corpus_printing.print_conversion(report)
+    raise typer.Exit(Status.BAD_DATA if report.errors else Status.DONE)
 
 
 def align(
-    wavs: Annotated[
+    sounds: Annotated[
         list[Path], typer.Argument(metavar="WAV", help="Sounds of speech.", readable=False)
     ],
     out: Annotated[Path, typer.Option(help="The folder for OUT/NAME.TextGrid.", readable=False)],
@@ -82,14 +186,11 @@ def align(
         Path | None,
         typer.Option(
             help="What is said: the text of one sound, a table NAME<tab>TEXT, or a folder with "
-            "NAME.txt; those beside the sounds where not given.",
+            "NAME.txt; by default those beside the sounds.",
             readable=False,
         ),
     ] = None,
-    dictionary: Annotated[
-        Path | None,
-        typer.Option(help="A pronouncing dictionary in CMU's format.", readable=False),
-    ] = None,
+    dictionary: arguments.Dictionary = None,
     acoustic_model: Annotated[
         Path | None,
         typer.Option(help="The folder of a model of pocketsphinx.", readable=False),
@@ -99,23 +200,32 @@ def align(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find when the phones of a known text are heard: a TextGrid for each sound."""
-    from corpus_tools.conversion import align as command
+    """Find when the phones of a known text are spoken: one TextGrid per sound."""
+    from corpus_tools.cli import corpus_printing
+    from corpus_tools.conversion.align import align as run
+    from mocap_fit.errors import MocapFitError
 
-    raise typer.Exit(
-        command.report(
-            command.run(
-                wavs,
-                text,
-                out,
-                dictionary=dictionary,
-                acoustic_model=acoustic_model,
-                phone_set=phone_set,
-            ),
-            out,
-            as_json=as_json,
+    with display.show_progress() as show:
+
+        def progress(done: int, total: int, error: MocapFitError | None) -> None:
+            if error is not None:
+                console.print_error(error)
+            show("aligning", done, total)
+
+        report = run(
+            sounds,
+            text,
+            out=out,
+            dictionary=dictionary,
+            acoustic_model=acoustic_model,
+            phone_set=phone_set,
+            progress=progress,
         )
-    )
+    if as_json:
+        display.print_json(report.to_dict())
+    else:
+        corpus_printing.print_alignment(report)
+    raise typer.Exit(Status.BAD_DATA if report.errors else Status.DONE)
 
 
 def select_sentences(
@@ -123,7 +233,7 @@ def select_sentences(
         Path,
         typer.Argument(
             metavar="TEXT",
-            help="A sentence a line (with --dictionary), or SENTENCE<tab>PHONES.",
+            help="A sentence per line (with --dictionary), or SENTENCE<tab>PHONES.",
             readable=False,
         ),
     ],
@@ -131,27 +241,25 @@ def select_sentences(
     out: Annotated[
         Path, typer.Option(help="The folder for sentences and coverage.", readable=False)
     ] = Path("sentences"),
-    dictionary: Annotated[
-        Path | None,
-        typer.Option(help="A pronouncing dictionary in CMU's format.", readable=False),
-    ] = None,
+    dictionary: arguments.Dictionary = None,
     phone_set: Annotated[
         str | None, typer.Option(help="Symbols that it does not have are an error.")
     ] = None,
     stress: Annotated[
-        bool, typer.Option("--stress", help="A stressed vowel is another phone.")
+        bool, typer.Option("--stress", help="Count a stressed vowel as another phone.")
     ] = False,
     shortest: Annotated[int, typer.Option(min=1, help="Fewest words of a sentence.")] = 1,
     longest: Annotated[int, typer.Option(min=1, help="Most words of a sentence.")] = 1000,
     as_json: AsJson = False,
 ) -> None:
     """Select the sentences of a text that cover the most triphones."""
-    from corpus_tools.conversion import select_sentences as command
+    from corpus_tools.cli import corpus_printing
+    from corpus_tools.conversion.select_sentences import select_sentences as run
 
     if shortest > longest:
         raise typer.BadParameter("is more than --longest", param_hint="--shortest")
-    raise typer.Exit(
-        command.run(
+    with display.show_progress() as progress:
+        report = run(
             text,
             count=count,
             out=out,
@@ -159,6 +267,79 @@ def select_sentences(
             phone_set=phone_set,
             stress=stress,
             words=(shortest, longest),
-            as_json=as_json,
+            progress=progress,
         )
+    corpus_printing.print_selection(report, as_json=as_json)
+
+
+def simulate(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="A new folder.", readable=False)],
+    utterances: Annotated[int, typer.Option(min=1, help="How many sentences.")] = 287,
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same files.")] = 0,
+    lang: Annotated[
+        str | None, typer.Option(help="The language: sv (the default), cs or en.")
+    ] = None,
+    durations: Annotated[
+        str | None,
+        typer.Option(help="Phone times and sound: model (the default), or espeak (espeak-ng)."),
+    ] = None,
+    layout: arguments.Layout = "face30-head5",
+    duration: Annotated[
+        float | None,
+        typer.Option(min=0.1, help="No sentences: free gestures in recordings of this length (s)."),
+    ] = None,
+    rate: Annotated[float, typer.Option(min=1, help="Frames per second (Hz).")] = 60.0,
+    noise: Annotated[float, typer.Option(min=0, help="Noise of a coordinate (mm).")] = 0.3,
+    drop_outs: Annotated[
+        float, typer.Option(min=0, max=0.8, help="Share of the samples that are lost.")
+    ] = 0.05,
+    head_shift: Annotated[float, typer.Option(min=0, help="Largest head shift (mm).")] = 30.0,
+    head_turn: Annotated[
+        float, typer.Option(min=0, max=80, help="Largest head turn (degrees).")
+    ] = 20.0,
+    other_speaker: Annotated[
+        bool,
+        typer.Option("--other-speaker", help="A head of another size and other proportions."),
+    ] = False,
+    drift: Annotated[
+        float,
+        typer.Option(
+            min=-1000,
+            max=1000,
+            help="How much faster the frames are than the files say, on the sound's clock "
+            "(parts per million).",
+        ),
+    ] = 20.0,
+) -> None:
+    """Make a corpus with known truth: recordings, labels, sound, and a manifest to convert it."""
+    if duration is not None and (lang is not None or durations is not None):
+        raise typer.BadParameter(
+            "goes without --lang and --durations: free gestures say nothing",
+            param_hint="--duration",
+        )
+    from corpus_tools import simulation
+
+    spoken = simulation.Spoken(
+        arguments.check_choice(lang or "sv", simulation.languages(), "--lang"),
+        arguments.check_choice(durations or "model", simulation.DURATIONS, "--durations"),  # type: ignore[arg-type]
+        drift,
     )
+    conditions = simulation.Conditions(
+        noise=noise,
+        drop_outs=drop_outs,
+        head_translation=head_shift,
+        head_rotation=math.radians(head_turn),
+        rate=rate,
+        **({} if duration is None else {"duration": duration}),
+    )
+    with display.show_progress() as progress:
+        simulation.simulate(
+            out,
+            utterances=utterances,
+            seed=seed,
+            layout=layout,
+            conditions=conditions,
+            head=simulation.OTHER_SPEAKER if other_speaker else None,
+            spoken=spoken if duration is None else None,
+            progress=progress,
+        )

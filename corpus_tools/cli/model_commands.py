@@ -1,17 +1,27 @@
-"""The commands that train and score control models; `cli` puts them on the command line."""
+"""The commands that train and score control models; `app` puts them on the command line."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from corpus_tools.cli.arguments import AsJson, one_of
+from corpus_tools.cli import arguments, console, display
+from corpus_tools.cli.arguments import AsJson
+
+if TYPE_CHECKING:
+    from corpus_tools.training.evaluate import EvaluationReport
+    from corpus_tools.training.train import SweepReport, TrainReport
+    from mocap_fit.control import ControlModel, LogEntry
 
 _Corpus = Annotated[
     Path, typer.Argument(metavar="CORPUS", help="A corpus's folder.", readable=False)
 ]
+# Seconds between two lines about a training.
+_PAUSE = 5.0
 
 
 def train(
@@ -26,14 +36,14 @@ def train(
     protocol: Annotated[
         str,
         typer.Option(
-            help="What tells when to stop: clean (a part of the training sentences) or paper "
+            help="What decides when to stop: clean (a part of the training sentences) or paper "
             "(the test set, as in the paper)."
         ),
     ] = "clean",
     validation: Annotated[
-        float, typer.Option(min=0.01, max=0.9, help="The part that is held out (clean).")
+        float, typer.Option(min=0.01, max=0.9, help="The share that is held out (clean).")
     ] = 0.1,
-    seed: Annotated[int, typer.Option(min=0, help="Of the draw of what is held out.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the draw of what is held out.")] = 0,
     settings: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="A setting of the model; repeatable."),
@@ -42,27 +52,98 @@ def train(
         bool,
         typer.Option(
             "--sweep-look-ahead",
-            help="16 networks that see 0 to 15 frames ahead, and their errors.",
+            help="Train 16 networks that see 0 to 15 frames ahead, and compare their errors.",
         ),
     ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Train a control model on the training part of a corpus."""
-    from corpus_tools.training import train as command
+    from mocap_fit.processes import limit_threads
 
     if sweep == (model is not None):
         raise typer.BadParameter("give --model or --sweep-look-ahead", param_hint="--model")
+    limit_threads()
+    from corpus_tools.training import train as trainer
+
+    values = arguments.parse_settings(settings or [])
     options: dict[str, Any] = {
         "out": out,
-        "protocol": one_of(protocol, command.PROTOCOLS, "--protocol"),
+        "protocol": arguments.check_choice(protocol, trainer.PROTOCOLS, "--protocol"),
         "validation": validation,
         "seed": seed,
-        "settings": settings or (),
-        "as_json": as_json,
     }
     if model is None:
-        raise typer.Exit(command.sweep(corpus, **options))
-    raise typer.Exit(command.run(corpus, model=model, **options))
+        _create_model("ann-low-latency", values)
+        show = _show_training("training networks")
+        swept = trainer.sweep_look_ahead(corpus, settings=values, progress=show, **options)
+        if as_json:
+            display.print_json(swept.to_dict())
+        else:
+            _print_sweep(swept)
+        return
+    untrained = _create_model(model, values)
+    show = _show_training(f"training {model}")
+    report = trainer.train(corpus, untrained, progress=show, **options)
+    if as_json:
+        display.print_json(report.to_dict())
+    else:
+        _print_training(report)
+
+
+def _create_model(name: str, settings: dict[str, Any]) -> ControlModel:
+    """Create a model that is not trained; an impossible setting is a wrong call."""
+    from mocap_fit import control
+    from mocap_fit.errors import ConfigurationError
+
+    try:
+        return control.create(name, **settings)
+    except ConfigurationError as error:
+        raise typer.BadParameter(str(error), param_hint="--set") from None
+
+
+def _show_training(task: str) -> Callable[[LogEntry], None]:
+    """Return a function that prints the newest errors on stderr every few seconds."""
+    from corpus_tools.training.train import format_entry
+
+    last = time.monotonic()
+
+    def show(entry: LogEntry) -> None:
+        nonlocal last
+        console.stop_if_interrupted()
+        if time.monotonic() - last >= _PAUSE:
+            last = time.monotonic()
+            console.say(format_entry(task, entry))
+
+    return show
+
+
+def _print_training(report: TrainReport) -> None:
+    lines = [
+        f"{report.model.title}: {report.model.parameter_count} free parameters, trained on "
+        f"{report.utterances} utterances; {report.held_out_utterances} decided when to stop."
+    ]
+    training, held_out = report.errors["training_error"], report.errors["held_out_error"]
+    if training is not None:
+        beside = "" if held_out is None else f", {held_out:.4f} on what was held out"
+        lines.append(
+            f"Root mean square error: {training:.4f} in training{beside} (1 is the full gesture)."
+        )
+    display.print_lines(*lines, f"Written: {report.file}")
+
+
+def _print_sweep(report: SweepReport) -> None:
+    cells = [
+        [
+            str(row["frames"]),
+            f"{1000 * row['look_ahead']:.0f}",
+            f"{row['error']:.4f}",
+            str(row["epoch"]),
+        ]
+        for row in report.look_ahead
+    ]
+    header = ["frames ahead", "ms", "held-out error", "epoch"]
+    display.create_screen().print(display.create_table(header, cells))
+    display.print_lines(f"Written: {report.files[0]}, {report.files[1].name}")
 
 
 def evaluate(
@@ -72,7 +153,7 @@ def evaluate(
     ],
     out: Annotated[Path, typer.Option(help="The folder for tables and figures.", readable=False)],
     split: Annotated[str, typer.Option(help="What is scored; all: every utterance.")] = "test",
-    face: Annotated[str, typer.Option(help="For the closure of the lips.")] = "built-in",
+    face: arguments.Face = "built-in",
     utterance: Annotated[
         str | None, typer.Option(help="The utterance whose trajectories are drawn.")
     ] = None,
@@ -81,15 +162,18 @@ def evaluate(
         bool,
         typer.Option("--landmarks", help="Compare predicted faces with the markers as well."),
     ] = False,
-    resamples: Annotated[int, typer.Option(min=100, help="Of the bootstrap.")] = 2000,
-    seed: Annotated[int, typer.Option(min=0, help="Of the bootstrap.")] = 0,
+    resamples: Annotated[int, typer.Option(min=100, help="Samples of the bootstrap.")] = 2000,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Score trained control models on held-out utterances; tables, figures, one page."""
-    from corpus_tools.training import evaluate as command
+    """Score trained control models on held-out utterances; write tables, figures, one page."""
+    from mocap_fit.processes import limit_threads
 
-    raise typer.Exit(
-        command.run(
+    limit_threads()
+    from corpus_tools.training.evaluate import evaluate as run
+
+    with display.show_progress() as progress:
+        report = run(
             corpus,
             models,
             out=out,
@@ -100,6 +184,25 @@ def evaluate(
             landmarks=landmarks,
             resamples=resamples,
             seed=seed,
-            as_json=as_json,
+            progress=progress,
         )
+    if as_json:
+        display.print_json(report.to_dict())
+    else:
+        _print_evaluation(report)
+
+
+def _print_evaluation(report: EvaluationReport) -> None:
+    from corpus_tools.training import score_tables
+
+    screen = display.create_screen()
+    scores = report.scores
+    screen.print(
+        f"{scores.utterances} utterances, {scores.frames[0]} frames of speech; all but silence, "
+        "average over the parameters, 95 % intervals over utterances:\n"
     )
+    screen.print(display.create_table(*score_tables.to_short_table(scores)), "")
+    if report.landmarks is not None:
+        table = display.create_table(*score_tables.to_landmark_table(report.landmarks))
+        screen.print(score_tables.LANDMARKS_EXPLAINED, "", table, "", sep="\n")
+    display.print_lines("Written:", *(f"  {path}" for path in report.files))

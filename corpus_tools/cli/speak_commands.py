@@ -1,13 +1,16 @@
-"""The commands of the talking head; `cli` puts them on the command line."""
+"""The commands of the talking head; `app` puts them on the command line."""
 
 from __future__ import annotations
 
+import json
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from corpus_tools.cli.arguments import AsJson, one_of
+from corpus_tools.cli import arguments, display
+from corpus_tools.cli.arguments import AsJson
 
 _VIEWS = ("front", "three-quarter", "side")
 _Model = Annotated[
@@ -15,7 +18,7 @@ _Model = Annotated[
     typer.Option(
         "--model",
         metavar="FILE|NAME",
-        help="A trained model, or a kind: rule-based, cohen-massaro, … Several: side by side.",
+        help="A trained model, or a kind: rule-based, cohen-massaro, …; repeatable: side by side.",
     ),
 ]
 _Language = Annotated[
@@ -43,14 +46,17 @@ def speak(
     model: _Model = None,
     nearest: Annotated[
         bool,
-        typer.Option("--nearest", help="Models of another phone set: take the nearest sounds."),
+        typer.Option(
+            "--nearest",
+            help="Let models of another phone set say the nearest sounds that they know.",
+        ),
     ] = False,
     phone_set: Annotated[
         str | None, typer.Option(help="What the labels are written in: a name or a file.")
     ] = None,
     tier: Annotated[str | None, typer.Option(help="The tier of the phones.")] = None,
-    speed: Annotated[float, typer.Option(help="Words a minute.")] = 160.0,
-    rate: Annotated[float, typer.Option(min=1, max=240, help="Frames a second.")] = 25.0,
+    speed: Annotated[float, typer.Option(help="Words per minute.")] = 160.0,
+    rate: Annotated[float, typer.Option(min=1, max=240, help="Frames per second.")] = 25.0,
     view: Annotated[
         list[str] | None,
         typer.Option(metavar="VIEW", help="front, three-quarter or side; repeatable."),
@@ -67,7 +73,7 @@ def speak(
     head_motion: Annotated[
         bool, typer.Option("--head-motion", help="Let the head move a little.")
     ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Of blinks and head motion.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of blinks and head motion.")] = 0,
     markers: Annotated[
         Path | None,
         typer.Option(
@@ -78,17 +84,21 @@ def speak(
         Path | None, typer.Option(help="The reference pose of --markers.", readable=False)
     ] = None,
     layout: Annotated[str | None, typer.Option(help="The marker layout of --markers.")] = None,
-    face: Annotated[str, typer.Option(help="built-in, or a rig file.")] = "built-in",
+    face: arguments.Face = "built-in",
     keep: Annotated[
         Path | None, typer.Option(help="A folder for tracks, labels, sound.", readable=False)
     ] = None,
-    jobs: Annotated[int, typer.Option(min=0, help="Processes that draw; 0: as many as pay.")] = 0,
+    jobs: Annotated[
+        int, typer.Option(min=0, help="Processes that draw; 0 for as many as are worth it.")
+    ] = 0,
     prepare: Annotated[
         bool,
-        typer.Option("--prepare", help="Train and keep the models of --lang and --model (all)."),
+        typer.Option(
+            "--prepare", help="Train and save the models of --lang and --model (by default all)."
+        ),
     ] = False,
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="With --prepare: train what is kept already, too.")
+        bool, typer.Option("--fresh", help="With --prepare: train again what is saved already.")
     ] = False,
     check: Annotated[
         bool,
@@ -98,16 +108,28 @@ def speak(
 ) -> None:
     """Let a talking head say a text, labelled phones, or what was measured.
 
-    Models of a kind are trained on simulated sentences of the language when they are first asked
-    for, and kept; `mocap-fit speak --prepare` makes them all beforehand.
+    Models that are named by their kind are trained on simulated sentences of the language when
+    they are first used, and saved; `mocap-fit speak --prepare` trains them all beforehand.
     """
-    from corpus_tools.talking import speak as command
+    from mocap_fit.processes import limit_threads
+
+    limit_threads()
+    from corpus_tools.cli import speak_printing
+    from corpus_tools.talking import speak as speaking
 
     if prepare:
+        from corpus_tools.talking.prepare_voices import prepare_voices
+
         wanted = [language] if language else []
-        raise typer.Exit(
-            command.prepare(wanted, model or (), fresh=fresh, check=check, as_json=as_json)
-        )
+        with display.show_progress() as progress:
+            voices = prepare_voices(
+                wanted, model or (), fresh=fresh, check=check, progress=progress
+            )
+        if as_json:
+            display.print_json(voices.to_dict())
+        else:
+            speak_printing.print_voices(voices)
+        return
     if (text is None) + (labels is None) + (tracks is None) == 3:
         raise typer.BadParameter("give a TEXT, --labels, or --tracks", param_hint="TEXT")
     if text is not None and (labels is not None or tracks is not None):
@@ -122,12 +144,12 @@ def speak(
         )
     if out is None:
         raise typer.BadParameter("say where to: --out FILE.mp4", param_hint="--out")
-    views = tuple(one_of(name, _VIEWS, "--view") for name in view or ["front"])
-    source = command.Source(text, labels, tracks, audio, language or "en", phone_set, tier, speed)
-    look = command.Look(
+    views = tuple(arguments.check_choice(name, _VIEWS, "--view") for name in view or ["front"])
+    source = speaking.Source(text, labels, tracks, audio, language or "en", phone_set, tier, speed)
+    look = speaking.Look(
         rate,
         (size, size),
-        views,
+        views,  # type: ignore[arg-type]
         zoom,
         subtitles,
         curves,
@@ -139,17 +161,21 @@ def speak(
         reference,
         layout,
     )
-    status = command.run(
-        source,
-        out,
-        models=model or (),
-        look=look,
-        nearest=nearest,
-        keep=keep,
-        jobs=jobs,
-        as_json=as_json,
-    )
-    raise typer.Exit(status)
+    with display.show_progress() as progress:
+        report = speaking.speak(
+            source,
+            out,
+            models=model or (),
+            look=look,
+            nearest=nearest,
+            keep=keep,
+            jobs=jobs,
+            progress=progress,
+        )
+    if as_json:
+        display.print_json(report.to_dict())
+    else:
+        speak_printing.print_speech(report)
 
 
 def stream(
@@ -158,17 +184,23 @@ def stream(
     ],
     language: _Language = "en",
     rate: Annotated[
-        float | None, typer.Option(min=1, max=1000, help="Frames a second; the model's own.")
+        float | None,
+        typer.Option(min=1, max=1000, help="Frames per second; by default the model's."),
     ] = None,
 ) -> None:
-    """Read phones from stdin, write frames to stdout as soon as they are sure.
+    """Read phones from stdin, write frames to stdout as soon as they are certain.
 
-    A phone a line: START END PHONE [STRESS], or JSON with these keys. An empty line ends an
-    utterance. A frame a line, as JSON: time, and the parameters by name.
+    One phone per line: START END PHONE [STRESS], or JSON with these keys. An empty line ends an
+    utterance. One frame per line, as JSON: time, and the parameters by name.
     """
-    from corpus_tools.talking import stream as command
+    from corpus_tools.talking.stream import stream as run
 
-    raise typer.Exit(command.run(model, language=language, rate=rate))
+    with display.show_progress() as progress:
+        # Not a loop over the file, which could read ahead.
+        lines = iter(sys.stdin.readline, "")
+        for frame in run(model, lines, language=language, rate=rate, progress=progress):
+            # Whoever animates waits for it.
+            print(json.dumps(frame), flush=True)
 
 
 def export(
@@ -177,14 +209,20 @@ def export(
     ],
     to: Annotated[str, typer.Option(help="gltf, fap or csv.")],
     out: Annotated[Path, typer.Option(help="The file.", readable=False)],
-    face: Annotated[str, typer.Option(help="built-in, or a rig file.")] = "built-in",
+    face: arguments.Face = "built-in",
     rate: Annotated[
-        float | None, typer.Option(min=1, max=240, help="Frames a second; the tracks' own.")
+        float | None,
+        typer.Option(min=1, max=240, help="Frames per second; by default the tracks'."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Write face parameters for other programs: glTF, MPEG-4 FAP, CSV."""
-    from corpus_tools.talking import export as command
+    from corpus_tools.cli import speak_printing
+    from corpus_tools.talking import export as exporting
 
-    kind: command.Kind = one_of(to, command.KINDS, "--to")  # type: ignore[assignment]
-    raise typer.Exit(command.run(tracks, kind, out, face=face, rate=rate, as_json=as_json))
+    format_name = arguments.check_choice(to, exporting.FORMATS, "--to")
+    report = exporting.export(tracks, format_name, out, face=face, rate=rate)  # type: ignore[arg-type]
+    if as_json:
+        display.print_json(report.to_dict())
+    else:
+        speak_printing.print_export(report)

@@ -1,13 +1,13 @@
-"""``mocap-fit align``: sound and what is said → a TextGrid of words and phones each."""
+"""``mocap-fit align``: sounds and their texts → one TextGrid of words and phones each."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from corpus_tools.cli import console
-from corpus_tools.cli.console import Status
 from mocap_fit.atomic_file import make_folder
 from mocap_fit.errors import ConfigurationError, FileFormatError, MissingFileError, MocapFitError
 from mocap_fit.labels import to_labels, write_labels
@@ -16,8 +16,8 @@ from mocap_fit.labels.text import read_label_text
 _BESIDE = (".txt", ".lab")
 
 
-def transcripts(wavs: Sequence[Path], text: Path | None) -> dict[Path, str]:
-    """What is said in each wav file.
+def read_transcripts(wavs: Sequence[Path], text: Path | None) -> dict[Path, str]:
+    """Return what is said in each wav file.
 
     Parameters
     ----------
@@ -26,8 +26,13 @@ def transcripts(wavs: Sequence[Path], text: Path | None) -> dict[Path, str]:
     text
         For one sound, a file with its text; for many, a table with the name of the sound, a tab
         and its text a line (what follows a second tab is not read; a first line that names no
-        sound is a heading); or a folder with NAME.txt or NAME.lab for each. None: those lie
+        sound is a heading); or a folder with NAME.txt or NAME.lab for each. None: those are
         beside the sounds.
+
+    Returns
+    -------
+    dict[Path, str]
+        The text of each sound.
 
     Raises
     ------
@@ -49,7 +54,7 @@ def transcripts(wavs: Sequence[Path], text: Path | None) -> dict[Path, str]:
         content = read_label_text(text)
         if len(wavs) == 1 and "\t" not in content:
             return {wavs[0]: content}
-        table = _table(content, text, set(names))
+        table = _parse_table(content, text, set(names))
     else:
         if text is not None and not text.exists():
             raise MissingFileError("there is no such file or folder", path=str(text))
@@ -57,9 +62,9 @@ def transcripts(wavs: Sequence[Path], text: Path | None) -> dict[Path, str]:
         for wav in wavs:
             folder = wav.parent if text is None else text
             beside = (folder / f"{wav.stem}{ending}" for ending in _BESIDE)
-            found = next((path for path in beside if path.is_file()), None)
-            if found is not None:
-                table[wav.stem] = read_label_text(found)
+            file = next((path for path in beside if path.is_file()), None)
+            if file is not None:
+                table[wav.stem] = read_label_text(file)
     without = [name for name in names if not table.get(name, "").strip()]
     if without:
         more = f" and {len(without) - 10} more" if len(without) > 10 else ""
@@ -72,11 +77,11 @@ def transcripts(wavs: Sequence[Path], text: Path | None) -> dict[Path, str]:
     return {wav: table[wav.stem] for wav in wavs}
 
 
-def _table(content: str, path: Path, names: set[str]) -> dict[str, str]:
+def _parse_table(content: str, path: Path, names: set[str]) -> dict[str, str]:
     header = content.split("\n", 1)[0].split("\t")
     titles = [title.strip().casefold() for title in header]
     # A heading may say which column is the text, where it is not the second.
-    has_heading = _stem(header[0]) not in names
+    has_heading = _get_stem(header[0]) not in names
     column = titles.index("text") if has_heading and "text" in titles else 1
     table: dict[str, str] = {}
     for number, line in enumerate(content.split("\n"), start=1):
@@ -91,47 +96,90 @@ def _table(content: str, path: Path, names: set[str]) -> dict[str, str]:
                 found=f"'{line}'",
                 expected="NAME<tab>TEXT",
             )
-        name = _stem(cells[0])
+        name = _get_stem(cells[0])
         if name in table:
             raise FileFormatError(f"'{name}' comes twice", path=str(path), line=number)
         table[name] = cells[column]
     return table
 
 
-def _stem(cell: str) -> str:
+def _get_stem(cell: str) -> str:
     return cell.strip().removesuffix(".wav")
 
 
-def run(
-    wavs: Sequence[Path],
-    text: Path | None,
-    out: Path,
-    *,
-    dictionary: Path | None = None,
-    acoustic_model: Path | None = None,
-    phone_set: str | None = None,
-) -> dict[str, Any]:
-    """Align sounds to their texts and write OUT/NAME.TextGrid of each.
-
-    A sound that cannot be aligned is reported and left out, and the rest goes on. Words that are
-    not in the dictionary are asked for first, of all texts at once.
+@dataclass(frozen=True, eq=False)
+class AlignReport:
+    """What a run of `align` has done.
 
     Parameters
     ----------
-    wavs
-        The sounds.
-    text
-        As for `transcripts`.
     out
-        The folder; made where it is not there.
-    dictionary, acoustic_model, phone_set
-        As for `mocap_fit.synthesis.Aligner`.
+        Folder of the labels.
+    aligned
+        One record per sound: ``utterance``, ``file``, ``phones`` (how many) and ``duration`` in
+        seconds.
+    errors
+        Why sounds could not be aligned, by their names.
+    """
+
+    out: Path
+    aligned: tuple[Mapping[str, Any], ...]
+    errors: Mapping[str, str]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as JSON can hold it.
+
+        Returns
+        -------
+        dict[str, Any]
+            ``aligned`` and ``failed``.
+        """
+        failed = [{"utterance": name, "error": error} for name, error in self.errors.items()]
+        return {"aligned": list(self.aligned), "failed": failed}
+
+    def __repr__(self) -> str:
+        total = len(self.aligned) + len(self.errors)
+        return f"AlignReport({len(self.aligned)} of {total} sounds aligned, out={self.out})"
+
+
+def align(
+    sounds: Sequence[str | os.PathLike[str]],
+    text: str | os.PathLike[str] | None = None,
+    *,
+    out: str | os.PathLike[str],
+    dictionary: str | os.PathLike[str] | None = None,
+    acoustic_model: str | os.PathLike[str] | None = None,
+    phone_set: str | None = None,
+    progress: Callable[[int, int, MocapFitError | None], object] | None = None,
+) -> AlignReport:
+    """Align sounds to their texts and write ``OUT/NAME.TextGrid`` for each.
+
+    A sound that cannot be aligned does not keep the others from it. Words that are not in the
+    dictionary are an error before anything is aligned.
+
+    Parameters
+    ----------
+    sounds
+        Wav files.
+    text
+        For one sound, a file with its text; for many, a table ``NAME<tab>TEXT``, or a folder with
+        NAME.txt or NAME.lab for each. By default those are beside the sounds.
+    out
+        Folder of the labels; created where it does not exist.
+    dictionary
+        A pronouncing dictionary in CMU's format; by default that of pocketsphinx.
+    acoustic_model
+        Folder of a model of pocketsphinx; by default its own for English.
+    phone_set
+        Name or file of the phone set that the model's phones are read as.
+    progress
+        Called after each sound with the number of sounds that are done, the number of all, and
+        the error of this one or None.
 
     Returns
     -------
-    dict
-        ``aligned``: a list of ``utterance``, ``file``, ``phones`` (how many) and ``duration``;
-        ``failed``: a list of ``utterance`` and ``error``.
+    AlignReport
+        What was aligned; its ``errors`` names the sounds that were not.
 
     Raises
     ------
@@ -140,51 +188,33 @@ def run(
     """
     from mocap_fit.synthesis import Aligner
 
-    spoken = transcripts(wavs, text)
+    spoken = read_transcripts(
+        [Path(sound) for sound in sounds], None if text is None else Path(text)
+    )
     aligner = Aligner(dictionary, acoustic_model, phone_set)
     aligner.words("\n".join(spoken.values()))
-    make_folder(out)
+    folder = Path(out)
+    make_folder(folder)
     aligned: list[Mapping[str, Any]] = []
-    failed: list[Mapping[str, Any]] = []
-    with console.progress("aligning", len(spoken)) as advance:
-        for wav, words in spoken.items():
-            try:
-                phones = aligner.align(wav, words)
-            except MocapFitError as error:
-                console.report(error)
-                failed.append({"utterance": wav.stem, "error": str(error)})
-            else:
-                file = out / f"{wav.stem}.TextGrid"
-                write_labels(to_labels(phones), file)
-                aligned.append(
-                    {
-                        "utterance": wav.stem,
-                        "file": str(file),
-                        "phones": len(phones),
-                        "duration": phones.duration,
-                    }
-                )
-            advance()
-    return {"aligned": aligned, "failed": failed}
-
-
-def report(result: Mapping[str, Any], out: Path, *, as_json: bool = False) -> Status:
-    """Print what `run` gave, for people or as JSON.
-
-    Returns
-    -------
-    Status
-        `BAD_DATA` if any sound could not be aligned.
-    """
-    aligned, failed = result["aligned"], result["failed"]
-    if as_json:
-        console.print_json(result)
-    else:
-        seconds = sum(one["duration"] for one in aligned)
-        phones = sum(one["phones"] for one in aligned)
-        console.screen().print(
-            f"{len(aligned)} of {len(aligned) + len(failed)} sounds aligned: {phones} phones in "
-            f"{seconds:.1f} s. Labels are in {out}.",
-            soft_wrap=True,
-        )
-    return Status.BAD_DATA if failed else Status.DONE
+    errors: dict[str, str] = {}
+    for count, (wav, words) in enumerate(spoken.items(), start=1):
+        fault = None
+        try:
+            phones = aligner.align(wav, words)
+        except MocapFitError as error:
+            fault = error
+            errors[wav.stem] = str(error)
+        else:
+            file = folder / f"{wav.stem}.TextGrid"
+            write_labels(to_labels(phones), file)
+            aligned.append(
+                {
+                    "utterance": wav.stem,
+                    "file": str(file),
+                    "phones": len(phones),
+                    "duration": phones.duration,
+                }
+            )
+        if progress is not None:
+            progress(count, len(spoken), fault)
+    return AlignReport(folder, tuple(aligned), errors)

@@ -1,44 +1,285 @@
-"""``mocap-fit fit``: recordings and a reference pose → face parameters, a Parquet file each."""
+"""``mocap-fit fit``: recordings and a reference pose → face parameters, one Parquet file each."""
 
 from __future__ import annotations
 
-import contextlib
 import glob
 import hashlib
+import os
 import time
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
-from corpus_tools.batch.cluster import over_cluster
-from corpus_tools.cli import console
-from corpus_tools.cli.console import Status
-from corpus_tools.cli.frames_meter import frames_progress
-from corpus_tools.conversion.one_recording import (
-    FitSettings,
-    Outcome,
-    Task,
-    fit_here,
-    fit_sent,
-    inputs,
-    kept,
-    watched,
-    written,
-)
-from mocap_fit._version import __version__
-from mocap_fit.atomic_file import make_folder
+from corpus_tools.batch import BatchProgress, Context, Item, ItemResult, run_batch
 from mocap_fit.errors import ConfigurationError
-from mocap_fit.fitting.speaker import fit_speaker
-from mocap_fit.io import READERS
-from mocap_fit.processes import DeadProcess, run_locally
+from mocap_fit.fitting.memory import check_memory
+from mocap_fit.fitting.objective import Objective
+from mocap_fit.fitting.speaker import Speaker, fit_speaker
+from mocap_fit.io import READERS, read_tracks
+from mocap_fit.tracks import write_parquet
+
+_Path = str | os.PathLike[str]
+
+# What the last step of a result says that the report says too.
+_REPORTED = (
+    "frames",
+    "fitted",
+    "residual_mm",
+    "head_residual_mm",
+    "uncertain_frames",
+    "unfinished_frames",
+    "evaluations_per_frame",
+)
 
 
-def expand(paths: Sequence[Path]) -> list[Path]:
-    """Files that the user means: themselves, those of a folder, or those of a pattern.
+class FitSettings(TypedDict):
+    """How recordings are fitted: keywords of `Speaker.fit_shape`."""
 
-    Shells on Windows do not expand patterns, so they are expanded here.
+    objective: Objective
+    solver: str
+    refine_pose: bool
+    smooth: bool
+
+
+@dataclass(frozen=True, eq=False)
+class FitReport:
+    """What a run of `fit` has done.
+
+    Parameters
+    ----------
+    out
+        Folder of the results.
+    layout
+        Name of the marker layout.
+    scale
+        Size of the face over that of the speaker, no unit.
+    orientation_residuals
+        Distance of each marker of the reference pose from its place on the face, millimetres.
+    recordings
+        One record per recording, in their order: ``recording`` (its name), ``file``, and either
+        ``error`` or the figures of the fit, with ``kept`` where an earlier run has fitted it.
+    seconds
+        Time spent on each part of the work, in seconds, summed over the processes; but
+        ``elapsed`` is the time of the complete run.
+    """
+
+    out: Path
+    layout: str
+    scale: float
+    orientation_residuals: Mapping[str, float]
+    recordings: tuple[Mapping[str, Any], ...]
+    seconds: Mapping[str, float]
+
+    @property
+    def errors(self) -> dict[str, str]:
+        """Why recordings have not been fitted, by their names."""
+        return {row["recording"]: row["error"] for row in self.recordings if "error" in row}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as JSON can hold it.
+
+        Returns
+        -------
+        dict[str, Any]
+            The fields; residuals in millimetres.
+        """
+        return {
+            "layout": self.layout,
+            "scale": self.scale,
+            "orientation_residuals_mm": dict(self.orientation_residuals),
+            "recordings": list(self.recordings),
+            "seconds": dict(self.seconds),
+        }
+
+    def __repr__(self) -> str:
+        fitted = len(self.recordings) - len(self.errors)
+        return f"FitReport({fitted} of {len(self.recordings)} recordings fitted, out={self.out})"
+
+
+@dataclass(frozen=True, eq=False)
+class _FitJob:
+    """How the recordings of a speaker are fitted; ``fingerprint_of_all`` is a sum over that."""
+
+    speaker: Speaker
+    settings: FitSettings
+    between: tuple[float, float] | None
+    fingerprint_of_all: str
+    step: str = "fit_recording"
+
+    def fingerprint(self, item: Item, sums: Mapping[str, str]) -> str:
+        (name,) = item.sources
+        # The file's name is in the result too.
+        parts = [self.fingerprint_of_all, name, sums[name]]
+        if self.between is not None:
+            parts += map(repr, self.between)
+        return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+
+    def is_complete(self, item: Item, out: Path, figures: Mapping[str, Any]) -> bool:
+        return figures.keys() >= set(_REPORTED)
+
+    def process(self, item: Item, context: Context) -> Mapping[str, Any]:
+        with context.time("reading"):
+            path = context.folder / item.sources[0]
+            recording = read_tracks(path)
+            if self.between is not None:
+                recording = recording.between(*self.between)
+            check_memory(
+                recording.frames, len(recording.names), smooth=self.settings["smooth"], path=path
+            )
+        with context.time("head_motion"):
+            still, motion = self.speaker.remove_head_motion(recording)
+        # A long recording is not held in both coordinates.
+        del recording
+        with context.time("fitting"):
+            result = self.speaker.fit_shape(
+                still,
+                **self.settings,
+                progress=lambda frames: context.progress(frames, still.frames),
+            )
+        tracks, fitted = result.parameters, result.fitted
+        finite = np.isfinite(tracks.residuals)
+        figures = {
+            "inputs": context.fingerprint,
+            "frames": tracks.frames,
+            "fitted": int(finite.sum()),
+            "residual_mm": float(np.median(tracks.residuals[finite])) if finite.any() else np.nan,
+            "head_residual_mm": float(np.nanmedian(motion.residuals)),
+            "uncertain_frames": int(tracks.uncertain.any(axis=1).sum()),
+            "unfinished_frames": int((result.status == 5).sum()),
+            "evaluations_per_frame": int(result.evaluations[fitted].sum()) / int(fitted.sum()),
+        }
+        with context.time("writing"):
+            write_parquet(tracks.add_step(self.step, figures), context.out / item.targets[0])
+        return figures
+
+
+def fit(
+    recordings: _Path | Sequence[_Path],
+    *,
+    reference: _Path,
+    layout: str,
+    out: _Path,
+    face: str = "built-in",
+    between: tuple[float, float] | None = None,
+    objective: Objective = "distances",
+    solver: str = "newton-nlopt",
+    refine_pose: bool = False,
+    smooth: bool = False,
+    jobs: int = 1,
+    cluster: str | None = None,
+    fresh: bool = False,
+    progress: Callable[[BatchProgress], object] | None = None,
+) -> FitReport:
+    """Fit face parameters to recordings and write ``OUT/NAME.parquet`` for each.
+
+    A recording that cannot be fitted does not keep the others from it. One that an earlier run has
+    fitted, from the same bytes in the same way, is not fitted again.
+
+    Parameters
+    ----------
+    recordings
+        Files, folders or patterns.
+    reference
+        A recording of the reference pose; the median over its frames is used.
+    layout
+        Name or file of the marker layout.
+    out
+        Folder of the results; created where it does not exist.
+    face
+        ``built-in``, or a rig file.
+    between
+        Start and end of the part of every recording that is fitted, seconds; None for all.
+    objective
+        What is minimised: ``distances``, ``squares`` or ``huber``.
+    solver
+        ``newton-nlopt``, ``newton``, or the name of an nlopt algorithm.
+    refine_pose
+        Whether the pose of the head is fitted together with the shape.
+    smooth
+        Whether all frames are fitted together, as smooth as the data say.
+    jobs
+        Number of processes; 0 for one per core.
+    cluster
+        Address of a dask scheduler whose workers fit in place of this machine.
+    fresh
+        Whether recordings are fitted again that an earlier run has fitted.
+    progress
+        Called with the state after every change; it has the results as they come, in the order
+        of the recordings.
+
+    Returns
+    -------
+    FitReport
+        Figures of every recording; its ``errors`` names those that have not been fitted.
+
+    Raises
+    ------
+    MocapFitError
+        If there are no recordings, or reference pose, layout, face or folder cannot be used.
+    """
+    began = time.perf_counter()
+    listed = [recordings] if isinstance(recordings, (str, os.PathLike)) else recordings
+    files = find_recordings([Path(path) for path in listed])
+    speaker = fit_speaker(face, layout, Path(reference))
+    settings: FitSettings = {
+        "objective": objective,
+        "solver": solver,
+        "refine_pose": refine_pose,
+        "smooth": smooth,
+    }
+    job = _FitJob(speaker, settings, between, speaker.compute_fingerprint(**settings))
+    seconds = {"speaker": time.perf_counter() - began}
+    results = run_batch(
+        job,
+        [_to_item(file) for file in files],
+        Path(out),
+        jobs=jobs,
+        cluster=cluster,
+        fresh=fresh,
+        progress=progress,
+    )
+    for result in results:
+        for part, length in result.seconds.items():
+            seconds[part] = seconds.get(part, 0.0) + length
+    orientation = speaker.binding.orientation
+    return FitReport(
+        Path(out),
+        speaker.layout.name,
+        orientation.scale,
+        dict(orientation.residuals or {}),
+        tuple(_to_row(file, r, Path(out)) for file, r in zip(files, results, strict=True)),
+        {**seconds, "elapsed": time.perf_counter() - began},
+    )
+
+
+def _to_item(file: Path) -> Item:
+    prefix = str(file)[: -len(file.name)]
+    return Item(file.stem, file.parent.absolute(), (file.name,), (f"{file.stem}.parquet",), prefix)
+
+
+def _to_row(file: Path, result: ItemResult, out: Path) -> dict[str, Any]:
+    row = {"recording": file.stem, "file": file}
+    if result.error is not None:
+        return {**row, "error": result.error}
+    figures = {name: result.figures[name] for name in _REPORTED}
+    return {**row, "output": out / f"{file.stem}.parquet", **figures, "kept": result.cached}
+
+
+def find_recordings(paths: Sequence[Path]) -> list[Path]:
+    """Return the files that a user means: files, the recordings of folders, matches of patterns.
+
+    Parameters
+    ----------
+    paths
+        Files, folders or patterns; shells on Windows do not expand patterns.
+
+    Returns
+    -------
+    list[Path]
+        The files, each once.
 
     Raises
     ------
@@ -48,19 +289,18 @@ def expand(paths: Sequence[Path]) -> list[Path]:
     known = {ending for name in READERS.names() for ending in READERS.get(name).extensions}
     files: list[Path] = []
     for path in paths:
+        matches = [path]
         if path.is_dir():
-            found = sorted(f for f in path.iterdir() if f.suffix.lower() in known and f.is_file())
+            matches = sorted(f for f in path.iterdir() if f.suffix.lower() in known and f.is_file())
         elif not path.exists() and glob.has_magic(str(path)):
-            found = sorted(Path(name) for name in glob.glob(str(path)))
-        else:
-            found = [path]
-        if not found:
+            matches = sorted(Path(name) for name in glob.glob(str(path)))
+        if not matches:
             raise ConfigurationError(
                 "no recording is there",
                 path=str(path),
                 expected=f"files that end in {', '.join(sorted(known))}",
             )
-        files += found
+        files += matches
     files = list(dict.fromkeys(files))
     by_name: dict[str, Path] = {}
     for file in files:
@@ -72,231 +312,3 @@ def expand(paths: Sequence[Path]) -> list[Path]:
                 advice="Rename one, or fit them into two folders.",
             )
     return files
-
-
-def run(
-    recordings: Sequence[Path],
-    *,
-    reference: Path,
-    layout: str,
-    out: Path,
-    face: str = "built-in",
-    settings: FitSettings | None = None,
-    jobs: int = 1,
-    cluster: str | None = None,
-    fresh: bool = False,
-    as_json: bool = False,
-) -> Status:
-    """Fit recordings and write ``OUT/ID.parquet`` for each.
-
-    A recording that cannot be fitted is named on stderr and does not keep the others from it.
-    One that a former run fitted, from the same bytes in the same way, is not fitted again.
-
-    Parameters
-    ----------
-    recordings
-        Files, folders or patterns.
-    reference
-        A recording of the reference pose; the median over its frames is used.
-    layout
-        A layout's name or file.
-    out
-        The folder to write to; made where it is not there.
-    face
-        ``built-in``, or a rig file.
-    settings
-        Keywords of `Speaker.fit_shape`.
-    jobs
-        How many processes; 0 for as many as the machine has cores.
-    cluster
-        Address of a dask scheduler whose workers fit instead.
-    fresh
-        Fit also what is fitted already.
-    as_json
-        Print what was done as one JSON object on stdout.
-
-    Returns
-    -------
-    Status
-        `BAD_DATA` if any recording was not fitted.
-    """
-    began = time.perf_counter()
-    files = expand(recordings)
-    speaker = fit_speaker(face, layout, reference)
-    make_folder(out)
-    settings = settings or {}
-    task = Task(speaker, settings, speaker.compute_fingerprint(**settings), fresh)
-    targets = [out / f"{file.stem}.parquet" for file in files]
-    _remove_partial(targets)
-    seconds = {"speaker": time.perf_counter() - began}
-    try:
-        outcomes = _fit_all(task, files, targets, jobs, cluster)
-    finally:
-        # A process that is ended in the middle of writing leaves its part behind.
-        _remove_partial(targets)
-    rows: list[dict[str, Any]] = []
-    for file, target, outcome in zip(files, targets, outcomes, strict=True):
-        output = {} if "error" in outcome.figures else {"output": target}
-        rows.append({"recording": file.stem, "file": file, **output, **outcome.figures})
-        for part, length in outcome.seconds.items():
-            seconds[part] = seconds.get(part, 0.0) + length
-    orientation = speaker.binding.orientation
-    if as_json:
-        console.print_json(
-            {
-                "layout": speaker.layout.name,
-                "scale": orientation.scale,
-                "orientation_residuals_mm": dict(orientation.residuals or {}),
-                "recordings": rows,
-                # Summed over the processes, but for the last.
-                "seconds": {**seconds, "elapsed": time.perf_counter() - began},
-            }
-        )
-    else:
-        _show(rows, out)
-    return Status.BAD_DATA if any("error" in row for row in rows) else Status.DONE
-
-
-def _remove_partial(targets: Sequence[Path]) -> None:
-    """Remove what killed processes left of these files."""
-    for folder in {target.parent for target in targets}:
-        ours = {f".{target.name}" for target in targets if target.parent == folder}
-        for path in folder.glob(".*.partial"):
-            if path.name.removesuffix(".partial").rpartition(".")[0] in ours:
-                path.unlink(missing_ok=True)
-
-
-def _fit_all(
-    task: Task, files: Sequence[Path], targets: Sequence[Path], jobs: int, cluster: str | None
-) -> list[Outcome]:
-    """Fit the recordings; what is told of them comes in their order."""
-    outcomes: dict[int, Outcome] = {}
-    told = 0
-    pairs = list(zip(files, targets, strict=True))
-    with frames_progress("fitting recordings", [_size(file) for file in files]) as meter:
-        if cluster is not None:
-            results = _on_cluster(task, pairs, cluster)
-        else:
-            results = run_locally(fit_here, task, pairs, jobs, meter.told)
-        with contextlib.closing(results):
-            for index, result in results:
-                if isinstance(result, DeadProcess):
-                    result = Outcome(
-                        {"error": f"{files[index]}: it was not fitted: {result.reason}"}
-                    )
-                outcomes[index] = result
-                while told in outcomes:
-                    _tell(outcomes[told], files[told])
-                    told += 1
-                figures = result.figures
-                fitted = 0 if figures.get("kept", True) else figures["frames"]
-                meter.done(index, fitted)
-    return [outcomes[index] for index in range(len(files))]
-
-
-def _size(file: Path) -> int:
-    """How much work a recording is, next to others; one that is not there is found out later."""
-    with contextlib.suppress(OSError):
-        return max(1, file.stat().st_size)
-    return 1
-
-
-def _tell(outcome: Outcome, file: Path) -> None:
-    for line in outcome.warnings:
-        console.say(f"warning: {file.stem}: {line}")
-    if outcome.traceback is not None:
-        console.show_traceback(outcome.traceback)
-    if "error" in outcome.figures:
-        console.say(f"error: {outcome.figures['error']}")
-
-
-def _on_cluster(
-    task: Task, pairs: Sequence[tuple[Path, Path]], address: str
-) -> Generator[tuple[int, Outcome | DeadProcess], None, None]:
-    """Send the recordings' content to a cluster, and write what comes back."""
-    here: dict[int, Outcome] = {}
-    places: list[int] = []
-
-    def to_send() -> Iterator[tuple[str, str, bytes]]:
-        for index, (file, target) in enumerate(pairs):
-            sent: list[tuple[str, str, bytes]] = []
-
-            def work(
-                seconds: dict[str, float],
-                file: Path = file,
-                target: Path = target,
-                sent: list[tuple[str, str, bytes]] = sent,
-            ) -> Outcome:
-                content = file.read_bytes()
-                made_from = inputs(task, file.name, hashlib.sha256(content).hexdigest())
-                figures = None if task.fresh else kept(target, made_from)
-                if figures is None:
-                    sent.append((file.name, made_from, content))
-                return Outcome(figures or {})
-
-            outcome = watched(work, file)
-            if not sent:
-                here[index] = outcome
-                continue
-            places.append(index)
-            yield sent[0]
-
-    results = over_cluster(fit_sent, task, to_send(), address, __version__)
-    with contextlib.closing(results):
-        for place, result in results:
-            index = places[place]
-            if isinstance(result, Outcome):
-                result = written(result, *pairs[index])
-            yield index, result
-            yield from _taken(here)
-    yield from _taken(here)
-
-
-def _taken(outcomes: dict[int, Outcome]) -> Iterator[tuple[int, Outcome]]:
-    while outcomes:
-        yield outcomes.popitem()
-
-
-_COLUMNS = {
-    "frames": "frames",
-    "fitted": "fitted",
-    "residual_mm": "residual mm",
-    "head_residual_mm": "head mm",
-    "uncertain_frames": "uncertain",
-    "evaluations_per_frame": "evaluations",
-}
-# More recordings than this are summed up, and only the worst are listed.
-_LISTED = 20
-
-
-def _show(rows: list[dict[str, Any]], out: Path) -> None:
-    from rich import box
-    from rich.table import Table
-
-    done = [row for row in rows if "error" not in row]
-    if not done:
-        return
-    listed, title = done, None
-    if len(done) > _LISTED:
-        listed = sorted(done, key=lambda row: -float(row["residual_mm"]))[:5]
-        title = f"the {len(listed)} recordings with the largest residuals"
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("recording", no_wrap=True)
-    for label in _COLUMNS.values():
-        table.add_column(label, justify="right")
-    for row in listed:
-        cells = [row[key] for key in _COLUMNS]
-        table.add_row(
-            row["recording"], *(f"{c:.2f}" if isinstance(c, float) else str(c) for c in cells)
-        )
-    screen = console.screen()
-    screen.print(table)
-    frames, fitted = (sum(row[key] for row in done) for key in ("frames", "fitted"))
-    middle = float(np.median([row["residual_mm"] for row in done]))
-    former = sum(row["kept"] for row in done)
-    before = f" ({former} of them before)" if former else ""
-    screen.print(
-        f"{len(done)} of {len(rows)} recordings fitted{before}: {fitted} of {frames} frames, "
-        f"median residual {middle:.2f} mm. Parameters are in {out}.",
-        soft_wrap=True,
-    )

@@ -1,4 +1,4 @@
-"""The corpus as a whole: its folder, its table, and what does not belong to it any more."""
+"""The corpus: its folder, its table, and the removal of what does not belong to it any more."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from corpus_tools.batch import ItemResult
 from corpus_tools.conversion.manifest import Manifest
-from corpus_tools.conversion.plan import Plan, described
-from corpus_tools.conversion.utterance import AUDIO, PARTS, Outcome
+from corpus_tools.conversion.plan import AUDIO, PARTS, Plan
+from corpus_tools.conversion.utterance import STEP
 from mocap_fit.atomic_file import make_folder, write_atomically
 from mocap_fit.corpus import (
     DESCRIPTION_FILE,
@@ -24,12 +25,21 @@ from mocap_fit.utterance import UTTERANCES_FILE, read_utterances
 # Says that the folder is one of ours, also while there is no corpus in it yet: what does not
 # belong to a corpus is removed from it, and nobody's recordings must be.
 _OURS = ".mocap-fit-corpus"
-_STEP = "convert"
 
 
 @contextlib.contextmanager
 def open_folder(out: Path) -> Iterator[None]:
-    """Make the folder of a corpus, or take a former one; what killed runs left in it is removed.
+    """Make the folder of a corpus, or open an earlier one and remove what killed runs have left.
+
+    Parameters
+    ----------
+    out
+        The folder.
+
+    Yields
+    ------
+    None
+        Nothing; until the end no other conversion may use the folder.
 
     Raises
     ------
@@ -37,30 +47,29 @@ def open_folder(out: Path) -> Iterator[None]:
         If the folder has something else in it.
     """
     make_folder(out)
-    there = {path.name for path in out.iterdir()}
+    present = {path.name for path in out.iterdir()}
     # Hidden files are lost where a corpus is packed and sent.
-    ours = _OURS in there or {DESCRIPTION_FILE, UTTERANCES_FILE} <= there
-    if there and not ours:
+    ours = _OURS in present or {DESCRIPTION_FILE, UTTERANCES_FILE} <= present
+    if present and not ours:
         raise ConfigurationError(
-            "the folder for the corpus is not empty, and is no corpus of a former conversion",
+            "the folder for the corpus is not empty, and is no corpus of an earlier conversion",
             path=out,
-            found=", ".join(sorted(there)[:5]),
+            found=", ".join(sorted(present)[:5]),
             advice="Give the name of a new folder.",
         )
-    if _OURS not in there:
+    if _OURS not in present:
         (out / _OURS).write_bytes(b"")
-    with _alone(out):
-        _remove_partial(out)
-        try:
-            yield
-        finally:
-            # A process that is ended in the middle of writing leaves its part behind.
-            _remove_partial(out)
+    with _lock(out):
+        # What earlier runs have left, also of utterances that are not in the manifest any more.
+        for folder in (out, *(out / part for part in (*PARTS, AUDIO))):
+            for path in folder.glob(".*.partial"):
+                path.unlink(missing_ok=True)
+        yield
 
 
 @contextlib.contextmanager
-def _alone(out: Path) -> Iterator[None]:
-    """Let no other conversion into the folder; the system lets go when a process is killed."""
+def _lock(out: Path) -> Iterator[None]:
+    """Let no other conversion into the folder; the lock ends with the process."""
     try:
         import fcntl
     except ImportError:
@@ -80,42 +89,49 @@ def _alone(out: Path) -> Iterator[None]:
         yield
 
 
-def _remove_partial(out: Path) -> None:
-    for folder in (out, *(out / part for part in (*PARTS, AUDIO))):
-        for path in folder.glob(".*.partial"):
-            path.unlink(missing_ok=True)
+def read_former_splits(out: Path, manifest: Manifest) -> dict[str, str]:
+    """Return the splits that an earlier conversion drew in the same way.
 
+    Parameters
+    ----------
+    out
+        Folder of the corpus.
+    manifest
+        The manifest.
 
-def former_splits(out: Path, manifest: Manifest) -> dict[str, str]:
-    """Splits that a former conversion drew in the same way, by id."""
+    Returns
+    -------
+    dict[str, str]
+        Splits by utterance; empty where there are none.
+    """
     try:
         content = tomllib.loads((out / DESCRIPTION_FILE).read_text(encoding="utf-8"))
-        steps = [step for step in content["provenance"] if step["step"] == _STEP]
-        same = steps[-1]["arguments"]["splits"] == described(manifest)["splits"]
+        steps = [step for step in content["provenance"] if step["step"] == STEP]
+        same = steps[-1]["arguments"]["splits"] == manifest.to_dict()["splits"]
         rows = read_utterances(out)
     except (OSError, ValueError, KeyError, TypeError, IndexError, MocapFitError):
         return {}
     return {row.id: row.split for row in rows} if same else {}
 
 
-def finish(plan: Plan, outcomes: Mapping[str, Outcome], out: Path) -> list[str]:
-    """Write the corpus's table and description, and remove the files of what is not in it.
+def finish(plan: Plan, results: Mapping[str, ItemResult], out: Path) -> list[str]:
+    """Write the corpus's table and description, and remove the files of other utterances.
 
     Parameters
     ----------
     plan
-        What was to be done.
-    outcomes
-        What came of every utterance, by id.
+        What there was to do.
+    results
+        Result of every utterance, by id.
     out
-        The corpus's folder.
+        Folder of the corpus.
 
     Returns
     -------
     list[str]
-        Utterances that were in the corpus and are not any more.
+        Utterances that were in the corpus and are not in it any more.
     """
-    good = {name: o.figures for name, o in outcomes.items() if o.error is None and o.figures}
+    good = {name: result.figures for name, result in results.items() if result.error is None}
     utterances = tuple(
         Utterance(
             entry.id,
@@ -133,9 +149,9 @@ def finish(plan: Plan, outcomes: Mapping[str, Outcome], out: Path) -> list[str]:
     )
     wanted = {f"{part}/{name}.parquet" for name in good for part in PARTS}
     wanted |= {f"{AUDIO}/{name}.wav" for name, known in good.items() if "audio" in known}
-    before = _names(out)
+    before = {path.stem for path in (out / PARTS[-1]).glob("*.parquet")}
     if utterances:
-        _describe(plan, utterances, good, out)
+        _write_description(plan, utterances, good, out)
     else:
         for name in (DESCRIPTION_FILE, UTTERANCES_FILE):
             (out / name).unlink(missing_ok=True)
@@ -146,11 +162,7 @@ def finish(plan: Plan, outcomes: Mapping[str, Outcome], out: Path) -> list[str]:
     return sorted(before - set(good))
 
 
-def _names(out: Path) -> set[str]:
-    return {path.stem for path in (out / PARTS[-1]).glob("*.parquet")}
-
-
-def _describe(
+def _write_description(
     plan: Plan,
     utterances: tuple[Utterance, ...],
     good: Mapping[str, Mapping[str, object]],
@@ -174,6 +186,6 @@ def _describe(
         face=speaker.face_name,
         layout=speaker.layout.name,
         folder=out,
-        provenance=(Step(_STEP, described(manifest)),),
+        provenance=(Step(STEP, manifest.to_dict()),),
     )
     write_corpus(corpus, out, file)

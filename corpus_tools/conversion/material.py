@@ -1,4 +1,4 @@
-"""What the files of an utterance hold: read, checked, and on the clock of the sound."""
+"""Read and check the files of an utterance, and put them on the clock of the sound."""
 
 from __future__ import annotations
 
@@ -10,44 +10,62 @@ from typing import Any
 
 import numpy as np
 
-from corpus_tools.conversion.plan import Job, Settings
-from mocap_fit.errors import DataError, MocapFitError, MocapFitWarning, add_path
+from corpus_tools.conversion.plan import Settings, UtteranceItem
+from mocap_fit.errors import (
+    DataError,
+    MissingRateError,
+    MocapFitError,
+    MocapFitWarning,
+    add_path,
+)
 from mocap_fit.io import read_tracks
 from mocap_fit.labels import read_phones
 from mocap_fit.phones import PhoneSequence, UnknownPhone, find_unknown_phones
 from mocap_fit.sound import Sound, energy_db, synchronise
 from mocap_fit.tracks import MarkerTracks
 
-# By which part the rates of a recording and of the manifest may differ: more is no rounding.
+# Relative difference between the rates of recording and manifest that rounding may explain.
 _SAME_RATE = 5e-4
-# Millionths: what two clocks of quartz may differ by.
+# Parts per million that the clocks of two devices may differ by.
 _USUAL_DRIFT = 300.0
 # Seconds by which a label may reach beyond the recording or the sound.
 _BEYOND = 0.02
 _SHOWN = 3
-# What readers say of a table of numbers that does not tell its rate; the manifest may.
-_NO_RATE = "the file does not say its frame rate"
 
 
 class UnknownPhonesError(DataError):
-    """Labels that are not in the phone set, with all their places."""
+    """Labels that are not in the phone set; its ``details`` list them with their times."""
 
-    unknown: tuple[UnknownPhone, ...] = ()
+    details: tuple[UnknownPhone, ...] = ()
 
 
-def read_recording(settings: Settings, root: Path, job: Job) -> MarkerTracks:
+def read_recording(settings: Settings, root: Path, item: UtteranceItem) -> MarkerTracks:
     """Read a recording, whose rate must be that of the manifest.
+
+    Parameters
+    ----------
+    settings
+        What the utterances share.
+    root
+        Folder of the files.
+    item
+        The utterance.
+
+    Returns
+    -------
+    MarkerTracks
+        The recording.
 
     Raises
     ------
     MocapFitError
         If it cannot be read, or its rate contradicts the manifest.
     """
-    path, rate = root / job.recording, settings.manifest.rate
+    path, rate = root / item.recording, settings.manifest.rate
     try:
         recording = read_tracks(path)
-    except MocapFitError as error:
-        if rate is None or error.problem != _NO_RATE:
+    except MissingRateError:
+        if rate is None:
             raise
         recording = read_tracks(path, rate=rate)
     if rate is not None and abs(recording.rate / rate - 1.0) > _SAME_RATE:
@@ -61,8 +79,26 @@ def read_recording(settings: Settings, root: Path, job: Job) -> MarkerTracks:
     return recording
 
 
-def read_labels(settings: Settings, root: Path, job: Job, rate: float | None) -> PhoneSequence:
-    """Read the phones; `rate` is that of the sound, whose samples some formats count.
+def read_labels(
+    settings: Settings, root: Path, item: UtteranceItem, rate: float | None
+) -> PhoneSequence:
+    """Read the phones of an utterance.
+
+    Parameters
+    ----------
+    settings
+        What the utterances share.
+    root
+        Folder of the files.
+    item
+        The utterance.
+    rate
+        Rate of the sound, hertz, for formats that count samples; None without sound.
+
+    Returns
+    -------
+    PhoneSequence
+        The phones, in the phone set.
 
     Raises
     ------
@@ -72,13 +108,13 @@ def read_labels(settings: Settings, root: Path, job: Job, rate: float | None) ->
         If the labels cannot be read or used.
     """
     labels, phone_set = settings.manifest.labels, settings.phone_set
-    path, name = root / job.labels, job.entry.id
+    path, name = root / item.labels, item.entry.id
     try:
         return read_phones(
             path, labels.phones, labels.words, phone_set, table=labels.table, name=name, rate=rate
         ).replace(name=name)
     except DataError as error:
-        unknown = _unknown_phones(settings, root, job)
+        unknown = _find_unknown_phones(settings, root, item)
         if not unknown:
             raise add_path(error, path) from None
         refused = UnknownPhonesError(
@@ -86,51 +122,84 @@ def read_labels(settings: Settings, root: Path, job: Job, rate: float | None) ->
             + "; ".join(map(str, unknown)),
             path=path,
         )
-        refused.unknown = unknown
+        refused.details = unknown
         raise refused from None
 
 
-def _unknown_phones(settings: Settings, root: Path, job: Job) -> tuple[UnknownPhone, ...]:
-    """The labels that are in neither the phone set nor the manifest's table."""
+def _find_unknown_phones(
+    settings: Settings, root: Path, item: UtteranceItem
+) -> tuple[UnknownPhone, ...]:
+    """Return the labels that are in neither the phone set nor the manifest's table."""
     labels = settings.manifest.labels
     try:
-        raw = read_phones(root / job.labels, labels.phones, labels.words, name=job.entry.id)
+        raw = read_phones(root / item.labels, labels.phones, labels.words, name=item.entry.id)
     except MocapFitError:
         return ()
     segments = tuple(s for s in raw if s.phone not in labels.table)
-    raw = raw.replace(segments=segments, name=job.entry.id)
+    raw = raw.replace(segments=segments, name=item.entry.id)
     return find_unknown_phones(raw, settings.phone_set)
 
 
-def on_one_clock(
-    settings: Settings, job: Job, recording: MarkerTracks, sound: Sound | None
+def synchronise_recording(
+    settings: Settings, item: UtteranceItem, recording: MarkerTracks, sound: Sound | None
 ) -> tuple[MarkerTracks, dict[str, Any]]:
-    """Bring a recording to the clock of its sound, as the manifest says; and how that was done.
+    """Put a recording on the clock of its sound, as the manifest says.
+
+    Parameters
+    ----------
+    settings
+        What the utterances share.
+    item
+        The utterance.
+    recording
+        Its recording.
+    sound
+        Its sound; None without one.
+
+    Returns
+    -------
+    MarkerTracks
+        The recording with another start time and rate.
+    dict[str, Any]
+        How the clocks were compared.
 
     Raises
     ------
     DataError
-        If pulses or an estimate do not tell it.
+        If the pulses or the estimate do not determine it.
     """
-    said = settings.manifest.sync
+    sync = settings.manifest.sync
     try:
-        recording, found = synchronise(
+        recording, result = synchronise(
             recording,
             sound,
-            kind=said.kind,
-            channel=said.channel,
-            spare=said.spare,
+            kind=sync.kind,
+            channel=sync.channel,
+            spare=sync.spare,
             lips=settings.lips,
-            start_time=job.entry.start_time,
-            max_offset=said.largest_offset,
+            start_time=item.entry.start_time,
+            max_offset=sync.largest_offset,
         )
     except DataError as error:
-        raise add_path(error, job.sound or job.recording) from None
-    return recording, found.to_dict()
+        raise add_path(error, item.sound or item.recording) from None
+    return recording, result.to_dict()
 
 
-def notes_on_clock(sync: Mapping[str, Any], frames: int) -> list[str]:
-    """What a user should know of the clocks."""
+def describe_clock(sync: Mapping[str, Any], frames: int) -> list[str]:
+    """Return what a user should know about the clocks.
+
+    Parameters
+    ----------
+    sync
+        How they were compared; from `synchronise_recording`.
+    frames
+        Number of frames of the recording.
+
+    Returns
+    -------
+    list[str]
+        One line each; usually none.
+    """
     notes = []
     if sync["is_estimate"]:
         notes.append(
@@ -150,22 +219,48 @@ def notes_on_clock(sync: Mapping[str, Any], frames: int) -> list[str]:
     return notes
 
 
-def speech_of(settings: Settings, sound: Sound | None) -> Sound | None:
-    """The sound without the channel of the pulses; None where there is no other."""
-    said = settings.manifest.sync
-    if sound is None or said.kind != "pulses":
+def remove_pulses(settings: Settings, sound: Sound | None) -> Sound | None:
+    """Return the sound without the channel of the pulses.
+
+    Parameters
+    ----------
+    settings
+        What the utterances share.
+    sound
+        The sound of an utterance; None without one.
+
+    Returns
+    -------
+    Sound | None
+        None where no other channel is left.
+    """
+    sync = settings.manifest.sync
+    if sound is None or sync.kind != "pulses":
         return sound
-    return None if sound.channels == 1 else sound.drop_channel(said.channel)
+    return None if sound.channels == 1 else sound.drop_channel(sync.channel)
 
 
 def check_times(
     settings: Settings,
-    job: Job,
+    item: UtteranceItem,
     phones: PhoneSequence,
     recording: MarkerTracks,
     speech: Sound | None,
 ) -> None:
     """Refuse phones that are spoken where nothing was recorded.
+
+    Parameters
+    ----------
+    settings
+        What the utterances share.
+    item
+        The utterance.
+    phones
+        Its phones.
+    recording
+        Its recording, on the clock of the sound.
+    speech
+        Its sound; None without one.
 
     Raises
     ------
@@ -179,12 +274,12 @@ def check_times(
     """
     spoken = [s for s in phones if not settings.phone_set.is_silence(s)]
     if not spoken:
-        raise DataError("no phone but silence is labelled", path=job.labels)
+        raise DataError("no phone but silence is labelled", path=item.labels)
     frame = 1.0 / recording.rate
     first, last = float(recording.times[0]), float(recording.times[-1])
-    spans = [("the recording", first - frame, last + frame, job.recording)]
+    spans = [("the recording", first - frame, last + frame, item.recording)]
     if speech is not None:
-        spans.append(("the sound", 0.0, speech.duration, str(job.sound)))
+        spans.append(("the sound", 0.0, speech.duration, str(item.sound)))
     for noun, start, end, path in spans:
         outside = [s for s in spoken if s.start < start - _BEYOND or s.end > end + _BEYOND]
         if outside:
@@ -192,7 +287,7 @@ def check_times(
             more = f" and {len(outside) - _SHOWN} more" if len(outside) > _SHOWN else ""
             raise DataError(
                 f"{len(outside)} labels are outside {noun} ({path}): {shown}{more}",
-                path=job.labels,
+                path=item.labels,
                 expected=f"{start:.3f} s to {end:.3f} s",
                 advice="Check that the files belong together, and the start time.",
             )
@@ -204,8 +299,21 @@ def check_times(
         )
 
 
-def with_energy(phones: PhoneSequence, speech: Sound) -> PhoneSequence:
-    """Phones with the energy of the sound at their centres."""
+def add_energy(phones: PhoneSequence, speech: Sound) -> PhoneSequence:
+    """Return phones with the energy of the sound at their centres.
+
+    Parameters
+    ----------
+    phones
+        The phones.
+    speech
+        Their sound.
+
+    Returns
+    -------
+    PhoneSequence
+        Phones with energies in dB relative to full scale.
+    """
     energies = energy_db(speech, [segment.centre for segment in phones])
     return phones.replace(
         segments=tuple(

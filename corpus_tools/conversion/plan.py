@@ -1,4 +1,4 @@
-"""What there is to convert: the manifest's utterances with their files, and what they share."""
+"""Plan a conversion: the manifest's utterances with their files, and what they share."""
 
 from __future__ import annotations
 
@@ -7,69 +7,81 @@ import dataclasses
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from corpus_tools.conversion.manifest import Entry, Manifest, one_file
-from corpus_tools.conversion.one_recording import FitSettings
+from corpus_tools.batch import Item
+from corpus_tools.conversion.entries import Entry, find_one_file
+from corpus_tools.conversion.fit import FitSettings
+from corpus_tools.conversion.manifest import Manifest
 from mocap_fit.errors import ConfigurationError, MocapFitError, describe_error
 from mocap_fit.face import load_face
 from mocap_fit.fitting import Layout, load_layout
 from mocap_fit.fitting.speaker import Speaker, fit_speaker
 from mocap_fit.phones import PhoneSet, load_phone_set
 
+PARTS = ("markers", "head", "phones", "tracks")
+"""Folders of Parquet files; the tracks are written last, when everything else is there."""
+
+AUDIO = "audio"
+"""Folder of the sound."""
+
 # Feature points of MPEG-4 on the upper and lower lip: inner border, outer border.
 _LIPS = (("2.2", "2.3"), ("8.1", "8.2"))
 
 
-@dataclass(frozen=True)
-class Job:
-    """An utterance and its files, under the root.
+@dataclass(frozen=True, kw_only=True)
+class UtteranceItem(Item):
+    """An utterance and its files.
 
     Parameters
     ----------
     entry
         What the manifest says of it.
-    recording, labels
-        Paths under the root.
-    sound
-        None where it has none.
     """
 
     entry: Entry
-    recording: str
-    labels: str
-    sound: str | None
 
     @property
-    def files(self) -> tuple[str, ...]:
-        """All that there are."""
-        return tuple(f for f in (self.recording, self.labels, self.sound) if f is not None)
+    def recording(self) -> str:
+        """Path of the recording under the root."""
+        return self.sources[0]
+
+    @property
+    def labels(self) -> str:
+        """Path of the labels under the root."""
+        return self.sources[1]
+
+    @property
+    def sound(self) -> str | None:
+        """Path of the sound under the root; None where there is none."""
+        return self.sources[2] if len(self.sources) > 2 else None
 
 
 @dataclass(frozen=True, eq=False)
 class Settings:
-    """What all utterances share.
+    """What all utterances of a conversion share.
 
     Parameters
     ----------
-    manifest, options
-        As the manifest says.
+    manifest
+        The manifest.
+    options
+        How recordings are fitted.
     phone_table
-        The phone set, as what can be sent to another process.
+        The phone set, as a table that can be sent to another process.
     speakers
-        By the path of the reference pose.
+        Speakers by the path of their reference pose.
     lips
-        Markers of the upper and the lower lip; None where no estimate is wanted.
+        Names of a marker on the upper lip and of one on the lower lip; None where no start time
+        is estimated.
     fingerprints
-        By the path of the reference pose: a sum over all but the utterance's own files that a
-        result depends on.
-    fresh
-        Convert also what is converted already.
+        By the path of the reference pose: a sum over everything but the utterance's own files
+        that a result depends on.
     """
 
     manifest: Manifest
@@ -78,82 +90,95 @@ class Settings:
     speakers: Mapping[str, Speaker]
     lips: tuple[str, str] | None
     fingerprints: Mapping[str, str]
-    fresh: bool = False
 
     @cached_property
     def phone_set(self) -> PhoneSet:
-        """What the labels are written in."""
+        """Phone set of the labels."""
         return PhoneSet.from_dict(self.phone_table)
 
     def __getstate__(self) -> dict[str, Any]:
         return {key: value for key, value in self.__dict__.items() if key != "phone_set"}
 
-    def inputs(self, job: Job, contents: Mapping[str, str]) -> str:
-        """A sum over all that the files of an utterance depend on.
+    def fingerprint(self, item: UtteranceItem, sums: Mapping[str, str]) -> str:
+        """Return a sum over everything that the files of an utterance depend on.
 
         Parameters
         ----------
-        job
+        item
             The utterance.
-        contents
-            By path, the sum over each of its files.
+        sums
+            SHA-256 of each of its files, by path.
+
+        Returns
+        -------
+        str
+            The sum, as hexadecimal digits.
         """
-        named = [[path, contents[path]] for path in job.files]
-        entry = job.entry
+        named = [[path, sums[path]] for path in item.sources]
+        entry = item.entry
         about = [self.fingerprints[entry.reference], entry.id, entry.start_time, named]
         return hashlib.sha256(json.dumps(about).encode()).hexdigest()
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What is to be done.
+    """What a conversion will do.
 
     Parameters
     ----------
     entries
         All utterances, by id.
-    jobs
+    items
         Those that can be tried.
     refused
-        By id, why an utterance cannot be.
+        By id, why an utterance cannot be converted.
     settings
-        What the jobs share.
+        What the utterances share.
     phone_set_file
-        Content of the phone set's file, where it is the user's own.
+        Name and content of the phone set's file, where it is not a shipped one.
     """
 
     entries: tuple[Entry, ...]
-    jobs: tuple[Job, ...]
+    items: tuple[UtteranceItem, ...]
     refused: Mapping[str, str]
     settings: Settings
-    phone_set_file: tuple[str, bytes] | None = field(default=None)
+    phone_set_file: tuple[str, bytes] | None
 
 
-def named_file(root: Path, name: str) -> str:
-    """A file under the root if there is one of that name, else the name of something shipped."""
-    return str(root / name) if (root / name).is_file() else name
-
-
-def make_plan(
-    manifest: Manifest, entries: tuple[Entry, ...], root: Path, *, fresh: bool = False
-) -> Plan:
+def make_plan(manifest: Manifest, entries: tuple[Entry, ...], root: Path) -> Plan:
     """Find the files of all utterances, and load what they share.
 
-    An utterance whose files are not there, or whose reference pose cannot be used, is refused
+    An utterance whose files are missing, or whose reference pose cannot be used, is refused
     alone; a layout, face or phone set that cannot be used stops everything.
+
+    Parameters
+    ----------
+    manifest
+        The manifest.
+    entries
+        Its utterances.
+    root
+        Folder that its paths are under.
+
+    Returns
+    -------
+    Plan
+        What can be converted.
 
     Raises
     ------
     MocapFitError
-        If layout, face or phone set cannot be used, or an estimate is wanted of a layout without
-        lips.
+        If layout, face or phone set cannot be used, or start times should be estimated and the
+        layout has no lips.
     """
-    layout_name, face_name = named_file(root, manifest.layout), named_file(root, manifest.face)
-    set_name = named_file(root, manifest.phone_set)
+    layout_name, face_name = _locate(root, manifest.layout), _locate(root, manifest.face)
+    set_name = _locate(root, manifest.phone_set)
     phone_set = load_phone_set(set_name)
-    own = Path(set_name).read_bytes() if set_name != manifest.phone_set else None
-    layout = _sized(load_layout(layout_name), manifest.fit.size_varies, layout_name)
-    lips = _lips(layout, layout_name) if manifest.sync.kind == "estimate" else None
+    set_file = None
+    if set_name != manifest.phone_set:
+        set_file = (Path(set_name).name, Path(set_name).read_bytes())
+    layout = _set_size_varies(load_layout(layout_name), manifest.fit.size_varies, layout_name)
+    lips = _find_lips(layout, layout_name) if manifest.sync.kind == "estimate" else None
     fit = manifest.fit
     options: FitSettings = {
         "objective": fit.objective,
@@ -164,17 +189,10 @@ def make_plan(
     speakers: dict[str, Speaker] = {}
     fingerprints: dict[str, str] = {}
     unusable: dict[str, str] = {}
-    shared = _shared_sum(manifest, own)
+    shared = _sum_shared(manifest, b"" if set_file is None else set_file[1])
     for pattern in sorted({entry.reference for entry in entries}):
         try:
-            path = one_file(root, pattern)
-            if path is None:
-                raise ConfigurationError(
-                    "the reference pose is missing",
-                    path=root / pattern,
-                    advice="Record the face at rest with lips closed, or name its file.",
-                )
-            speaker = fit_speaker(face_name, layout_name, path)
+            speaker = fit_speaker(face_name, layout_name, _find_reference(root, pattern))
             speaker = dataclasses.replace(speaker, layout=layout)
         except (MocapFitError, OSError) as error:
             unusable[pattern] = describe_error(error)
@@ -183,39 +201,54 @@ def make_plan(
         both = f"{speaker.compute_fingerprint(**options)}\0{shared}"
         fingerprints[pattern] = hashlib.sha256(both.encode()).hexdigest()
     if not speakers:
-        # One that cannot be used is no fault of the reference poses.
+        # A face that cannot be used is no fault of the reference poses.
         load_face(face_name)
     finder = _Finder(root)
-    jobs: list[Job] = []
+    items: list[UtteranceItem] = []
     refused: dict[str, str] = {}
     for entry in entries:
         if entry.reference in unusable:
             refused[entry.id] = unusable[entry.reference]
             continue
         try:
-            jobs.append(_job(manifest, entry, finder))
+            items.append(_find_files(manifest, entry, finder))
         except MocapFitError as error:
             refused[entry.id] = str(error)
     table = phone_set.to_dict()
-    settings = Settings(manifest, options, table, speakers, lips, fingerprints, fresh)
-    kept = None if own is None else (Path(set_name).name, own)
-    return Plan(entries, tuple(jobs), refused, settings, kept)
+    settings = Settings(manifest, options, table, speakers, lips, fingerprints)
+    return Plan(entries, tuple(items), refused, settings, set_file)
 
 
-def _shared_sum(manifest: Manifest, phone_set_file: bytes | None) -> str:
-    """What results depend on besides speaker and fit: how files are read and brought together."""
-    said = manifest.model_dump(
+def _locate(root: Path, name: str) -> str:
+    """Return the path of a file under the root if there is one, else the name of a shipped one."""
+    return str(root / name) if (root / name).is_file() else name
+
+
+def _find_reference(root: Path, pattern: str) -> Path:
+    path = find_one_file(root, pattern)
+    if path is None:
+        raise ConfigurationError(
+            "the reference pose is missing",
+            path=root / pattern,
+            advice="Record the face at rest with lips closed, or name its file.",
+        )
+    return path
+
+
+def _sum_shared(manifest: Manifest, phone_set_file: bytes) -> str:
+    """Return a sum over how files are read and synchronised."""
+    content = manifest.model_dump(
         mode="json", include={"phone_set", "rate", "labels", "sound", "sync"}, exclude_none=True
     )
     for part in ("labels", "sound"):
-        said[part].pop("pattern")
-    total = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
-    total.update(phone_set_file or b"")
+        content[part].pop("pattern")
+    total = hashlib.sha256(json.dumps(content, sort_keys=True).encode())
+    total.update(phone_set_file)
     return total.hexdigest()
 
 
-def _sized(layout: Layout, size_varies: bool | None, name: str) -> Layout:
-    """The layout with what the manifest says of sizes."""
+def _set_size_varies(layout: Layout, size_varies: bool | None, name: str) -> Layout:
+    """Return the layout with the manifest's ``size_varies``."""
     if size_varies is None:
         return layout
     try:
@@ -228,7 +261,7 @@ def _sized(layout: Layout, size_varies: bool | None, name: str) -> Layout:
         ) from None
 
 
-def _lips(layout: Layout, name: str) -> tuple[str, str]:
+def _find_lips(layout: Layout, name: str) -> tuple[str, str]:
     by_point = {m.feature_point: m.name for m in layout.face_markers}
     for upper, lower in _LIPS:
         if upper in by_point and lower in by_point:
@@ -241,26 +274,32 @@ def _lips(layout: Layout, name: str) -> tuple[str, str]:
     )
 
 
-def _job(manifest: Manifest, entry: Entry, finder: _Finder) -> Job:
-    found: dict[str, str | None] = {}
-    for part, noun in (("recordings", "recording"), ("labels", "labels"), ("sound", "sound")):
+_MISSING = {
+    "recordings": ("the recording of '{id}' is missing", "Add the file"),
+    "labels": ("the labels of '{id}' are missing", "Make them with mocap-fit align"),
+    "sound": ("the sound of '{id}' is missing", "Add the file"),
+}
+
+
+def _find_files(manifest: Manifest, entry: Entry, finder: _Finder) -> UtteranceItem:
+    sources: list[str] = []
+    for part, (problem, advice) in _MISSING.items():
         pattern: str = getattr(manifest, part).pattern.replace("{id}", entry.id)
-        found[part] = finder.find(pattern)
-        needed = part != "sound" or manifest.sound.required or manifest.sync.kind != "none"
-        if found[part] is None and needed:
+        path = finder.find(pattern)
+        if path is not None:
+            sources.append(path)
+        elif part != "sound" or manifest.sound.required or manifest.sync.kind != "none":
             raise ConfigurationError(
-                f"the {noun} of '{entry.id}' is missing"
-                if part != "labels"
-                else f"the labels of '{entry.id}' are missing",
+                problem.format(id=entry.id),
                 path=finder.root / pattern,
-                advice="Add the file, or take the utterance out of the table of sentences."
-                if part != "labels"
-                else "Make them with mocap-fit align, or take the utterance out of the table.",
+                advice=f"{advice}, or take the utterance out of the table of sentences.",
             )
-    recording, labels = found["recordings"], found["labels"]
-    assert recording is not None
-    assert labels is not None
-    return Job(entry, recording, labels, found["sound"])
+    targets = [f"{part}/{entry.id}.parquet" for part in PARTS]
+    if len(sources) == len(_MISSING):
+        targets.insert(0, f"{AUDIO}/{entry.id}.wav")
+    return UtteranceItem(
+        entry.id, finder.root.absolute(), tuple(sources), tuple(targets), entry=entry
+    )
 
 
 class _Finder:
@@ -271,15 +310,15 @@ class _Finder:
         self._listed: dict[Path, list[str]] = {}
 
     def find(self, pattern: str) -> str | None:
-        """The path under the root of the one file; None where there is none."""
+        """Return the path under the root of the one file; None where there is none."""
         stem, star, after = pattern.partition("*")
         folder, _, beginning = stem.rpartition("/")
         if not star:
             return pattern if (self.root / pattern).is_file() else None
         if after or not beginning:
-            path = one_file(self.root, pattern)
+            path = find_one_file(self.root, pattern)
             return None if path is None else path.relative_to(self.root).as_posix()
-        names = self._names(self.root / folder)
+        names = self._list_names(self.root / folder)
         first = bisect.bisect_left(names, beginning)
         matches = []
         for name in names[first:]:
@@ -287,21 +326,15 @@ class _Finder:
                 break
             matches.append(name)
         if len(matches) > 1:
-            one_file(self.root, pattern)
+            find_one_file(self.root, pattern)
         if not matches:
             return None
         return f"{folder}/{matches[0]}" if folder else matches[0]
 
-    def _names(self, folder: Path) -> list[str]:
+    def _list_names(self, folder: Path) -> list[str]:
         if folder not in self._listed:
             try:
                 self._listed[folder] = sorted(p.name for p in folder.iterdir() if p.is_file())
             except OSError:
                 self._listed[folder] = []
         return self._listed[folder]
-
-
-def described(manifest: Manifest) -> dict[str, Any]:
-    """The manifest as the corpus's provenance has it."""
-    said: dict[str, Any] = manifest.model_dump(mode="json", exclude_none=True)
-    return said

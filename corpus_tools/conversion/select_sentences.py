@@ -7,13 +7,11 @@ import io
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from corpus_tools.cli import console
-from corpus_tools.cli.console import Status
 from mocap_fit.atomic_file import make_folder, write_text
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, from_os_error
 
@@ -23,15 +21,13 @@ if TYPE_CHECKING:
     from mocap_fit.phones.triphones import Codes, Selection, TriphoneTable
 
 _BOUNDARY = "sil"
-# How many of the missing words are shown; the file has them all.
-_SHOWN = 10
 _EDGES = re.compile(r"^[\W_]+|[\W_]+$")
 _VARIANT = re.compile(r"\(\d+\)$")
 
 
 @dataclass
 class _Sentences:
-    """What was read of the text: the sentences whose phones are known."""
+    """The sentences of a text whose phones are known."""
 
     phones: dict[str, int] = field(default_factory=lambda: {_BOUNDARY: 0})
     texts: list[str] = field(default_factory=list)
@@ -41,21 +37,82 @@ class _Sentences:
     left_out: int = 0
 
     def number(self, phone: str) -> int:
-        """The number of a phone, a new one where it is new."""
+        """Return the number of a phone, the next one where it is new."""
         return self.phones.setdefault(phone, len(self.phones))
 
 
-def run(
-    text: Path,
+@dataclass(frozen=True, eq=False)
+class SelectionReport:
+    """What a run of `select_sentences` has done.
+
+    Parameters
+    ----------
+    sentences
+        Number of sentences of the text.
+    left_out
+        Number of sentences that could not be chosen: words unknown, too short or too long.
+    triphones
+        Number of kinds of triphones in the others.
+    chosen
+        One record per chosen sentence, in the order of the choice: ``rank``, ``line``,
+        ``new_triphones``, ``covered_triphones``, ``share_of_kinds``, ``share_of_occurrences``
+        and ``sentence``.
+    missing_words
+        Words that the dictionary lacks and how often they occur, the most frequent first.
+    out
+        Folder of the files.
+    """
+
+    sentences: int
+    left_out: int
+    triphones: int
+    chosen: tuple[Mapping[str, Any], ...]
+    missing_words: tuple[Mapping[str, Any], ...]
+    out: Path
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return counts and shares as JSON can hold them.
+
+        Returns
+        -------
+        dict[str, Any]
+            The coverage of all chosen sentences together, and the missing words.
+        """
+        last = self.chosen[-1]
+        return {
+            "sentences": self.sentences,
+            "left_out": self.left_out,
+            "chosen": len(self.chosen),
+            "triphones": self.triphones,
+            "covered": last["covered_triphones"],
+            "share_of_kinds": last["share_of_kinds"],
+            "share_of_occurrences": last["share_of_occurrences"],
+            "missing_words": list(self.missing_words),
+            "out": str(self.out),
+        }
+
+    def __repr__(self) -> str:
+        share = 100 * self.chosen[-1]["share_of_kinds"]
+        return (
+            f"SelectionReport({len(self.chosen)} of {self.sentences} sentences with {share:.1f} % "
+            f"of {self.triphones} triphones, out={self.out})"
+        )
+
+
+Progress = Callable[[str, int, int], object]
+
+
+def select_sentences(
+    text: str | os.PathLike[str],
     *,
+    out: str | os.PathLike[str],
     count: int = 287,
-    out: Path,
-    dictionary: Path | None = None,
+    dictionary: str | os.PathLike[str] | None = None,
     phone_set: str | None = None,
     stress: bool = False,
     words: tuple[int, int] = (1, 1000),
-    as_json: bool = False,
-) -> Status:
+    progress: Progress | None = None,
+) -> SelectionReport:
     """Write the sentences of a text that cover the most of its triphones (Beskow section 3).
 
     ``OUT/sentences.txt`` has them, one a line; ``coverage.csv`` and ``coverage.png`` how much is
@@ -69,7 +126,7 @@ def run(
     count
         How many sentences to take.
     out
-        The folder to write to; made where it is not there.
+        Folder of the files; created where it does not exist.
     dictionary
         A word and its phones a line, as CMUdict has it; of several pronunciations the first is
         taken. Sentences with a word that it lacks are left out.
@@ -80,13 +137,13 @@ def run(
         says how stress is written. Without a phone set the symbols are taken as they are.
     words
         The fewest and the most words that a sentence may have.
-    as_json
-        Print what was done as one JSON object on stdout.
+    progress
+        Called with what is being done, the number of steps done, and of all.
 
     Returns
     -------
-    Status
-        Always `DONE`; what cannot be done is raised.
+    SelectionReport
+        The chosen sentences and their coverage.
 
     Raises
     ------
@@ -102,48 +159,59 @@ def run(
             found=f"{count} sentences of {words[0]} to {words[1]} words",
             expected="1 or more, and the fewest words first",
         )
-    found = _Sentences()
-    if dictionary is None:
-        _read_with_phones(text, words, found)
+    source, folder = Path(text), Path(out)
+    lexicon = None if dictionary is None else Path(dictionary)
+    pool = _Sentences()
+    if lexicon is None:
+        _read_with_phones(source, words, pool, progress)
     else:
-        _read_with_dictionary(text, dictionary, words, found)
-    if not found.codes:
+        _read_with_dictionary(source, lexicon, words, pool, progress)
+    if not pool.codes:
         raise DataError(
             "no sentence is left to choose from",
-            path=text,
-            found=f"{found.left_out} left out, {len(found.missing)} words not in the dictionary",
+            path=source,
+            found=f"{pool.left_out} left out, {len(pool.missing)} words not in the dictionary",
             advice="Look at the dictionary, and at how many words a sentence may have.",
         )
-    codes, phones = _as_symbols(found, phone_set, stress, dictionary or text)
+    codes, phones = _to_symbols(pool, phone_set, stress, lexicon or source)
     table = count_triphones(codes, phones)
-    with console.progress("selecting sentences", min(count, table.sentences)) as advance:
-        chosen = cover_triphones(table, count, advance)
-    make_folder(out)
-    write_text(out / "sentences.txt", "".join(f"{found.texts[i]}\n" for i in chosen.sentences))
-    rows = _coverage(found, table, chosen)
-    write_text(out / "coverage.csv", _csv(rows))
-    missing = [{"word": w, "count": n} for w, n in _most_first(found.missing)]
-    if dictionary is not None:
-        write_text(out / "missing_words.csv", _csv(missing, ("word", "count")))
-    save_figure(out / "coverage.png", _figure, rows, table.kinds)
-    _report(found, table, rows, missing, out, as_json)
-    return Status.DONE
+    total, selected = min(count, table.sentences), 0
+
+    def advance() -> None:
+        nonlocal selected
+        selected += 1
+        if progress is not None:
+            progress("selecting sentences", selected, total)
+
+    chosen = cover_triphones(table, count, advance)
+    make_folder(folder)
+    write_text(folder / "sentences.txt", "".join(f"{pool.texts[i]}\n" for i in chosen.sentences))
+    rows = _compute_coverage(pool, table, chosen)
+    write_text(folder / "coverage.csv", _to_csv(rows))
+    words_by_count = sorted(pool.missing.items(), key=lambda item: (-item[1], item[0]))
+    missing = [{"word": word, "count": times} for word, times in words_by_count]
+    if lexicon is not None:
+        write_text(folder / "missing_words.csv", _to_csv(missing, ("word", "count")))
+    save_figure(folder / "coverage.png", _draw_coverage, rows, table.kinds)
+    sentences = len(pool.texts) + pool.left_out
+    return SelectionReport(
+        sentences, pool.left_out, table.kinds, tuple(rows), tuple(missing), folder
+    )
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """The lines that are not empty, numbered from 1, with a bar that shows how far it is."""
+def _read_lines(path: Path, progress: Progress | None) -> Iterator[tuple[int, str]]:
+    """Yield the lines that are not empty, numbered from 1."""
     try:
         with path.open("rb") as stream:
             size, read, shown = max(os.fstat(stream.fileno()).st_size, 1), 0, 0
-            with console.progress(f"reading {path.name} (per cent)", 100) as advance:
-                for number, raw in enumerate(stream, 1):
-                    line = raw.decode("utf-8").lstrip("\ufeff").strip()
-                    read += len(raw)
-                    while shown < 100 * read // size:
-                        advance()
-                        shown += 1
-                    if line:
-                        yield number, line
+            for number, raw in enumerate(stream, 1):
+                line = raw.decode("utf-8").lstrip("\ufeff").strip()
+                read += len(raw)
+                if progress is not None and 100 * read // size > shown:
+                    shown = 100 * read // size
+                    progress(f"reading {path.name} (per cent)", shown, 100)
+                if line:
+                    yield number, line
     except UnicodeDecodeError:
         raise FileFormatError(
             "the text is not UTF-8", path=path, line=number, advice="Save it as UTF-8."
@@ -152,8 +220,10 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
         raise from_os_error(error, path) from None
 
 
-def _read_with_phones(path: Path, words: tuple[int, int], found: _Sentences) -> None:
-    for number, line in _lines(path):
+def _read_with_phones(
+    path: Path, words: tuple[int, int], pool: _Sentences, progress: Progress | None
+) -> None:
+    for number, line in _read_lines(path, progress):
         text, tab, phones = line.partition("\t")
         if not tab or not phones.split():
             raise FileFormatError(
@@ -165,40 +235,44 @@ def _read_with_phones(path: Path, words: tuple[int, int], found: _Sentences) -> 
                 advice="Give a dictionary (word and phones) if the text has none.",
             )
         if words[0] <= len(text.split()) <= words[1]:
-            _add(found, text, number, [found.number(phone) for phone in phones.split()])
+            _add_sentence(pool, text, number, [pool.number(phone) for phone in phones.split()])
         else:
-            found.left_out += 1
+            pool.left_out += 1
 
 
 def _read_with_dictionary(
-    path: Path, dictionary: Path, words: tuple[int, int], found: _Sentences
+    path: Path,
+    dictionary: Path,
+    words: tuple[int, int],
+    pool: _Sentences,
+    progress: Progress | None,
 ) -> None:
-    entries = _read_dictionary(dictionary, found)
-    # What each word of the text is made of; few words make up most of a text.
+    entries = _read_dictionary(dictionary, pool, progress)
+    # Phones and missing parts of each word; few words make up most of a text.
     known: dict[str, tuple[list[int], list[str]] | None] = {}
-    for number, line in _lines(path):
+    for number, line in _read_lines(path, progress):
         phones: list[int] = []
         missing: list[str] = []
         count = 0
         for word in line.split():
             if word not in known:
-                known[word] = _looked_up(word, entries)
-            looked_up = known[word]
-            if looked_up is not None:
+                known[word] = _look_up(word, entries)
+            pronunciation = known[word]
+            if pronunciation is not None:
                 count += 1
-                phones += looked_up[0]
-                missing += looked_up[1]
+                phones += pronunciation[0]
+                missing += pronunciation[1]
         if not words[0] <= count <= words[1]:
-            found.left_out += 1
+            pool.left_out += 1
         elif missing:
-            found.missing.update(missing)
-            found.left_out += 1
+            pool.missing.update(missing)
+            pool.left_out += 1
         else:
-            _add(found, line, number, phones)
+            _add_sentence(pool, line, number, phones)
 
 
-def _looked_up(word: str, entries: dict[str, list[int]]) -> tuple[list[int], list[str]] | None:
-    """The phones of a word, and its parts that the dictionary lacks; None if it is no word."""
+def _look_up(word: str, entries: dict[str, list[int]]) -> tuple[list[int], list[str]] | None:
+    """Return the phones of a word and its parts that are missing; None if it is no word."""
     token = _EDGES.sub("", word).casefold().replace("’", "'")
     if not token:
         return None
@@ -207,9 +281,11 @@ def _looked_up(word: str, entries: dict[str, list[int]]) -> tuple[list[int], lis
     return phones, [part for part in parts if part not in entries]
 
 
-def _read_dictionary(path: Path, found: _Sentences) -> dict[str, list[int]]:
+def _read_dictionary(
+    path: Path, pool: _Sentences, progress: Progress | None
+) -> dict[str, list[int]]:
     entries: dict[str, list[int]] = {}
-    for number, line in _lines(path):
+    for number, line in _read_lines(path, progress):
         if line.startswith((";;;", "##")):
             continue
         word, *phones = line.partition(" #")[0].split()
@@ -223,38 +299,38 @@ def _read_dictionary(path: Path, found: _Sentences) -> dict[str, list[int]]:
             )
         spelling = _VARIANT.sub("", word).casefold()
         if spelling not in entries:
-            entries[spelling] = [found.number(phone) for phone in phones]
+            entries[spelling] = [pool.number(phone) for phone in phones]
     return entries
 
 
-def _add(found: _Sentences, text: str, line: int, phones: list[int]) -> None:
+def _add_sentence(pool: _Sentences, text: str, line: int, phones: list[int]) -> None:
     import numpy as np
 
     if phones[0] == 0:
         phones = phones[1:]
     if phones and phones[-1] == 0:
         phones = phones[:-1]
-    found.texts.append(text)
-    found.lines.append(line)
+    pool.texts.append(text)
+    pool.lines.append(line)
     # A sentence is spoken between silences.
-    found.codes.append(np.array([0, *phones, 0], dtype=np.int32))
+    pool.codes.append(np.array([0, *phones, 0], dtype=np.int32))
 
 
-def _as_symbols(
-    found: _Sentences, phone_set: str | None, stress: bool, path: Path
+def _to_symbols(
+    pool: _Sentences, phone_set: str | None, stress: bool, path: Path
 ) -> tuple[Iterator[Codes], int]:
-    """The sentences with the phones of a set in place of the labels, and how many phones."""
+    """Return the sentences in the phones of a set, and the number of different phones."""
     if phone_set is None:
-        return iter(found.codes), len(found.phones)
+        return iter(pool.codes), len(pool.phones)
     import numpy as np
 
     from mocap_fit.phones import PhoneSegment, load_phone_set
 
     chosen = load_phone_set(phone_set)
     numbers: dict[str, int] = {}
-    row = np.empty(len(found.phones), dtype=np.int32)
+    row = np.empty(len(pool.phones), dtype=np.int32)
     unknown: list[str] = []
-    for label, position in found.phones.items():
+    for label, position in pool.phones.items():
         parsed = chosen.parse(chosen.silence if label == _BOUNDARY else label)
         if parsed is None:
             unknown.append(label)
@@ -267,10 +343,12 @@ def _as_symbols(
             path=path,
             advice="Give the set that the phones are written in, or add them to its file.",
         )
-    return (row[codes] for codes in found.codes), len(numbers)
+    return (row[codes] for codes in pool.codes), len(numbers)
 
 
-def _coverage(found: _Sentences, table: TriphoneTable, chosen: Selection) -> list[dict[str, Any]]:
+def _compute_coverage(
+    pool: _Sentences, table: TriphoneTable, chosen: Selection
+) -> list[dict[str, Any]]:
     total = int(table.occurrences.sum())
     rows: list[dict[str, Any]] = []
     before = 0
@@ -280,23 +358,19 @@ def _coverage(found: _Sentences, table: TriphoneTable, chosen: Selection) -> lis
         rows.append(
             {
                 "rank": rank,
-                "line": found.lines[sentence],
+                "line": pool.lines[sentence],
                 "new_triphones": int(covered) - before,
                 "covered_triphones": int(covered),
                 "share_of_kinds": round(int(covered) / table.kinds, 6),
                 "share_of_occurrences": round(int(occurring) / total, 6),
-                "sentence": found.texts[sentence],
+                "sentence": pool.texts[sentence],
             }
         )
         before = int(covered)
     return rows
 
 
-def _most_first(counts: Counter[str]) -> list[tuple[str, int]]:
-    return sorted(counts.items(), key=lambda item: (-item[1], item[0]))
-
-
-def _csv(rows: list[dict[str, Any]], names: tuple[str, ...] = ()) -> str:
+def _to_csv(rows: list[dict[str, Any]], names: tuple[str, ...] = ()) -> str:
     stream = io.StringIO()
     writer = csv.DictWriter(stream, names or tuple(rows[0]), lineterminator="\n")
     writer.writeheader()
@@ -304,7 +378,7 @@ def _csv(rows: list[dict[str, Any]], names: tuple[str, ...] = ()) -> str:
     return stream.getvalue()
 
 
-def _figure(rows: list[dict[str, Any]], kinds: int) -> Figure:
+def _draw_coverage(rows: list[dict[str, Any]], kinds: int) -> Figure:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
@@ -321,39 +395,3 @@ def _figure(rows: list[dict[str, Any]], kinds: int) -> Figure:
     axis.grid(visible=True)
     axis.legend(loc="best")
     return figure
-
-
-def _report(
-    found: _Sentences,
-    table: TriphoneTable,
-    rows: list[dict[str, Any]],
-    missing: list[dict[str, Any]],
-    out: Path,
-    as_json: bool,
-) -> None:
-    if missing:
-        named = ", ".join(f"{row['word']} ({row['count']})" for row in missing[:_SHOWN])
-        more = ", …" if len(missing) > _SHOWN else ""
-        console.say(f"{len(missing)} words are not in the dictionary: {named}{more}")
-    last = rows[-1]
-    if as_json:
-        console.print_json(
-            {
-                "sentences": len(found.texts) + found.left_out,
-                "left_out": found.left_out,
-                "chosen": len(rows),
-                "triphones": table.kinds,
-                "covered": last["covered_triphones"],
-                "share_of_kinds": last["share_of_kinds"],
-                "share_of_occurrences": last["share_of_occurrences"],
-                "missing_words": missing,
-                "out": out,
-            }
-        )
-        return
-    console.screen().print(
-        f"{len(rows)} of {len(found.texts):,} sentences ({found.left_out:,} left out) have "
-        f"{last['covered_triphones']:,} of {table.kinds:,} triphones "
-        f"({100 * last['share_of_kinds']:.1f} %), which are "
-        f"{100 * last['share_of_occurrences']:.1f} % of all occurrences: {out}"
-    )

@@ -1,8 +1,9 @@
-"""What a file or a corpus holds, as plain values: recordings, labels, sound, corpora, models."""
+"""Describe what a file or a corpus holds: recordings, labels, sound, corpora, models."""
 
 from __future__ import annotations
 
 import os
+import warnings
 import zipfile
 from collections import Counter
 from collections.abc import Mapping
@@ -12,13 +13,15 @@ from typing import Any
 import numpy as np
 
 from mocap_fit.corpus import DESCRIPTION_FILE, Corpus, open_corpus
+from mocap_fit.errors import DataError, MocapFitWarning
+from mocap_fit.fitting.memory import check_memory, estimate_memory
 from mocap_fit.io import describe
 from mocap_fit.labels import (
     LABEL_READERS,
     Labels,
     Tier,
-    find_label_reader,
     find_label_faults,
+    find_label_reader,
     read_all_labels,
 )
 from mocap_fit.phones import list_phone_sets, load_phone_set, read_stored_phones
@@ -30,8 +33,8 @@ _SOUND = (".wav", ".flac", ".aif", ".aiff", ".ogg")
 _LISTED = 40
 
 
-def contents(path: str | os.PathLike[str]) -> Mapping[str, Any]:
-    """Describe what a file or a folder holds, whatever it is.
+def describe_contents(path: str | os.PathLike[str]) -> Mapping[str, Any]:
+    """Describe what a file or a folder holds, whatever its kind.
 
     Parameters
     ----------
@@ -41,7 +44,7 @@ def contents(path: str | os.PathLike[str]) -> Mapping[str, Any]:
     Returns
     -------
     Mapping[str, Any]
-        ``file``, ``content`` (what it is) and what there is to say, as JSON can hold it.
+        ``file``, ``content`` (the kind) and properties of that kind, as JSON can hold them.
 
     Raises
     ------
@@ -50,20 +53,20 @@ def contents(path: str | os.PathLike[str]) -> Mapping[str, Any]:
     """
     file = Path(path)
     if file.is_dir() or file.name == DESCRIPTION_FILE:
-        return _corpus(path, file.parent if file.name == DESCRIPTION_FILE else file)
+        return _describe_corpus(path, file.parent if file.name == DESCRIPTION_FILE else file)
     if file.suffix.lower() in _SOUND:
-        return _sound(path)
+        return _describe_sound(path)
     if file.suffix.lower() == ".parquet" and read_kind(file) == "phones":
-        return _phones(path)
+        return _describe_phones(path)
     if _is_labels(file):
-        return _labels(path)
+        return _describe_labels(path)
     if zipfile.is_zipfile(file):
-        return _model(path)
-    return describe(path)
+        return _describe_model(path)
+    return _describe_recording(path)
 
 
 def _is_labels(file: Path) -> bool:
-    """Whether labels are in it; a table of numbers may be of either kind, and says so."""
+    """Whether a file holds labels; tables of numbers are distinguished by their content."""
     if not file.is_file():
         return False
     for name in LABEL_READERS.names():
@@ -74,7 +77,7 @@ def _is_labels(file: Path) -> bool:
     return False
 
 
-def _labels(path: str | os.PathLike[str]) -> dict[str, Any]:
+def _describe_labels(path: str | os.PathLike[str]) -> dict[str, Any]:
     name = find_label_reader(path)
     utterances = read_all_labels(path, reader=name)
     about: dict[str, Any] = {
@@ -85,7 +88,7 @@ def _labels(path: str | os.PathLike[str]) -> dict[str, Any]:
     }
     if len(utterances) != 1:
         rows = [
-            {"name": labels.name, "duration": labels.end - labels.start, **_counts(labels)}
+            {"name": labels.name, "duration": labels.end - labels.start, **_count_labels(labels)}
             for labels in utterances
         ]
         total = {"count": len(rows)} if len(rows) > _LISTED else {}
@@ -97,38 +100,38 @@ def _labels(path: str | os.PathLike[str]) -> dict[str, Any]:
         "name": labels.name,
         "start": labels.start,
         "end": labels.end,
-        "tiers": [_tier(tier) for tier in labels.tiers],
+        "tiers": [_describe_tier(tier) for tier in labels.tiers],
         "faults": faults[:_LISTED],
     }
 
 
-def _counts(labels: Labels) -> dict[str, int]:
+def _count_labels(labels: Labels) -> dict[str, int]:
     return {tier.name or "labels": len(tier.entries) for tier in labels.tiers}
 
 
-def _tier(tier: Tier) -> dict[str, Any]:
+def _describe_tier(tier: Tier) -> dict[str, Any]:
     symbols = Counter(entry.text.strip() for entry in tier.entries if entry.text.strip())
     return {
         "name": tier.name,
         "kind": tier.kind,
         "labels": len(tier.entries),
         "different": len(symbols),
-        "phone_sets": _phone_sets(symbols),
+        "phone_sets": _find_phone_sets(symbols),
     }
 
 
-def _phone_sets(symbols: Mapping[str, int]) -> list[str]:
-    """Names of the shipped phone sets that have all of the symbols."""
+def _find_phone_sets(symbols: Mapping[str, int]) -> list[str]:
+    """Return the names of the shipped phone sets that have all of the symbols."""
     fitting = []
     for name in list_phone_sets():
         phone_set = load_phone_set(name)
-        # A set that computes what it is asked for has nearly everything.
+        # A set that computes its phones has nearly everything.
         if phone_set.compute is None and all(phone_set.parse(s) is not None for s in symbols):
             fitting.append(name)
     return fitting if symbols else []
 
 
-def _phones(path: str | os.PathLike[str]) -> dict[str, Any]:
+def _describe_phones(path: str | os.PathLike[str]) -> dict[str, Any]:
     phones = read_stored_phones(path)
     counts = Counter(phones.phones)
     return {
@@ -143,7 +146,7 @@ def _phones(path: str | os.PathLike[str]) -> dict[str, Any]:
     }
 
 
-def _sound(path: str | os.PathLike[str]) -> dict[str, Any]:
+def _describe_sound(path: str | os.PathLike[str]) -> dict[str, Any]:
     sound = read_sound(path)
     times = np.arange(0.0125, max(sound.duration, 0.013), 0.025)
     channels = []
@@ -172,7 +175,7 @@ def _sound(path: str | os.PathLike[str]) -> dict[str, Any]:
     }
 
 
-def _corpus(path: str | os.PathLike[str], folder: Path) -> dict[str, Any]:
+def _describe_corpus(path: str | os.PathLike[str], folder: Path) -> dict[str, Any]:
     corpus = open_corpus(folder)
     splits = [
         {
@@ -193,7 +196,7 @@ def _corpus(path: str | os.PathLike[str], folder: Path) -> dict[str, Any]:
         "parameters": list(corpus.parameter_names),
         "utterances": len(corpus),
         "duration": sum(u.duration for u in corpus),
-        "synchronised": _synchronised(corpus),
+        "synchronised": _get_clock(corpus),
         "splits": splits,
         "speakers": [
             {"speaker": speaker, "session": session, "utterances": count}
@@ -206,8 +209,8 @@ def _corpus(path: str | os.PathLike[str], folder: Path) -> dict[str, Any]:
     }
 
 
-def _synchronised(corpus: Corpus) -> str:
-    """How it was brought to the clock of the sound, as its description says."""
+def _get_clock(corpus: Corpus) -> str:
+    """Return how recordings were put on the clock of the sound, as the description says."""
     for step in corpus.provenance:
         kind = step.arguments.get("sync", {}).get("kind")
         if kind is not None:
@@ -215,7 +218,7 @@ def _synchronised(corpus: Corpus) -> str:
     return "not known"
 
 
-def _model(path: str | os.PathLike[str]) -> dict[str, Any]:
+def _describe_model(path: str | os.PathLike[str]) -> dict[str, Any]:
     from mocap_fit.control import load
 
     model = load(path)
@@ -232,3 +235,15 @@ def _model(path: str | os.PathLike[str]) -> dict[str, Any]:
         "trained_on": model.trained_on_,
         "epochs": len(model.log_),
     }
+
+
+def _describe_recording(path: str | os.PathLike[str]) -> dict[str, Any]:
+    content = describe(path)
+    if content["content"] == "markers":
+        size = content["frames"], len(content["markers"])
+        content["memory_to_fit"] = round(estimate_memory(*size) / 2**30, 2)
+        try:
+            check_memory(*size, path=path)
+        except DataError as error:
+            warnings.warn(str(error), MocapFitWarning, stacklevel=2)
+    return content

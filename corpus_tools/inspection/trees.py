@@ -1,18 +1,13 @@
-"""``mocap-fit info MODEL --tree``: looking into a CART model."""
+"""Look into the trees of a CART model: one tree, the reasons of targets, the questions."""
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
-from typing import Any
 
-from corpus_tools.cli import console
-from corpus_tools.cli.console import Status
 from mocap_fit.control import load
 from mocap_fit.control.cart import (
     Cart,
     Reason,
-    compute_importances,
     explain_targets,
     export_text,
     find_tree,
@@ -21,78 +16,94 @@ from mocap_fit.control.cart import (
 from mocap_fit.errors import DataError
 from mocap_fit.phones import PhoneSequence
 
-# A question that matters less is not worth a row.
-_LEAST = 0.005
 
-
-def run(
-    model: Path,
-    *,
-    tree: str | None = None,
-    svg: Path | None = None,
-    explain: Path | None = None,
-    as_json: bool = False,
-) -> Status:
-    """Print a tree of a model, what decided the targets of an utterance, or what questions matter.
+def load_cart(path: Path) -> Cart:
+    """Load a CART model.
 
     Parameters
     ----------
-    model
-        A trained model of the kind ``cart``.
-    tree
-        ``PHONE/PARAMETER``. Without it and without ``explain``, the importance of every question
-        for every parameter is printed.
-    svg
-        Draw the tree into this file.
-    explain
-        Labels, or the phones of an utterance of a corpus; with ``tree`` only its targets.
-    as_json
-        Print JSON.
+    path
+        Its file.
+
+    Returns
+    -------
+    Cart
+        The model.
 
     Raises
     ------
     DataError
-        If the model has no trees, or not this one.
+        If the model is of another kind.
     FileFormatError
-        If a file cannot be read or written.
+        If the file cannot be read.
     """
-    loaded = load(model)
-    if not isinstance(loaded, Cart):
+    model = load(path)
+    if not isinstance(model, Cart):
         raise DataError(
-            f"'{model.name}' has no trees to look at", found=loaded.name, expected=Cart.name
+            f"'{path.name}' has no trees to look at", found=model.name, expected=Cart.name
         )
-    if tree is None and svg is not None:
-        raise DataError("there is no tree to draw", advice="Say which with --tree PHONE/PARAMETER.")
-    key = None if tree is None else find_tree(loaded, tree)
-    if key is not None and svg is not None:
-        write_tree(loaded, key, svg)
-    if explain is not None:
-        parameter = None if key is None else loaded.parameter_names_[key.parameter]
-        found = explain_targets(loaded, _phones(loaded, explain), parameter=parameter)
-        chosen = [each for each in found if key is None or each.tree == key.of]
-        _print([dataclasses.asdict(each) for each in chosen], _told(chosen), as_json)
-    elif key is not None:
-        text = export_text(loaded, key)
-        _print({"tree": tree, "text": text.splitlines()}, text, as_json)
-    else:
-        _show_importance(loaded, as_json)
-    return Status.DONE
+    return model
 
 
-def _told(chosen: list[Reason]) -> str:
-    return "\n".join(map(str, chosen)) or "none of its targets is from this tree"
+def describe_tree(model: Cart, tree: str, svg: Path | None = None) -> str:
+    """Return a tree as text, and draw it.
+
+    Parameters
+    ----------
+    model
+        The model.
+    tree
+        ``PHONE/PARAMETER``.
+    svg
+        The tree is drawn into this file, if there is one.
+
+    Returns
+    -------
+    str
+        A line per node.
+
+    Raises
+    ------
+    DataError
+        If there is no such tree.
+    FileFormatError
+        If the drawing cannot be written.
+    """
+    key = find_tree(model, tree)
+    if svg is not None:
+        write_tree(model, key, svg)
+    return export_text(model, key)
 
 
-def _print(content: Any, text: str, as_json: bool) -> None:
-    if as_json:
-        console.print_json(content)
-    else:
-        screen = console.screen()
-        for line in text.splitlines():
-            screen.print(line, soft_wrap=True)
+def explain_utterance(model: Cart, labels: Path, tree: str | None = None) -> list[Reason]:
+    """Return what decided the targets of an utterance.
+
+    Parameters
+    ----------
+    model
+        The model.
+    labels
+        Labels, or the phones of an utterance of a corpus (Parquet).
+    tree
+        ``PHONE/PARAMETER``: only the targets of this tree; None for all.
+
+    Returns
+    -------
+    list[Reason]
+        In the order of the phones.
+
+    Raises
+    ------
+    MocapFitError
+        If there is no such tree, or the labels cannot be read.
+    """
+    key = None if tree is None else find_tree(model, tree)
+    parameter = None if key is None else model.parameter_names_[key.parameter]
+    everything = explain_targets(model, _read_phones(model, labels), parameter=parameter)
+    return [each for each in everything if key is None or each.tree == key.of]
 
 
-def _phones(model: Cart, path: Path) -> PhoneSequence:
+def _read_phones(model: Cart, path: Path) -> PhoneSequence:
     if path.suffix.lower() == ".parquet":
         from mocap_fit.phones import read_stored_phones
 
@@ -100,22 +111,3 @@ def _phones(model: Cart, path: Path) -> PhoneSequence:
     from mocap_fit.labels import read_phones
 
     return read_phones(path, phone_set=model.phone_set_)
-
-
-def _show_importance(model: Cart, as_json: bool) -> None:
-    found = compute_importances(model)
-    if as_json:
-        console.print_json({"importance": found})
-        return
-    questions = [question.name for question in model.questions_]
-    names = list(found)
-    rows = [
-        [question, *(f"{100 * found[name][question]:.0f}" for name in names)]
-        for question in questions
-        if max(found[name][question] for name in names) >= _LEAST
-    ]
-    screen = console.screen()
-    screen.print("how much each question lowers the error of each parameter, per cent:")
-    for number, name in enumerate(names, start=1):
-        screen.print(f"  {number}  {name}")
-    screen.print(console.table(["question", *(str(n) for n in range(1, len(names) + 1))], rows))

@@ -14,7 +14,7 @@ from corpus_tools.simulation.session import (
     gesture,
     marker_places,
 )
-from corpus_tools.simulation.writing import DURATIONS, Spoken, run
+from corpus_tools.simulation.writing import DURATIONS, Spoken, simulate
 
 __all__ = [
     "DURATIONS",
@@ -26,5 +26,5 @@ __all__ = [
     "gesture",
     "languages",
     "marker_places",
-    "run",
+    "simulate",
 ]

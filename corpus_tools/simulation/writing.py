@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from corpus_tools.cli import console
-from corpus_tools.cli.console import Status
+from corpus_tools.json_file import write_json
 from corpus_tools.simulation.session import Conditions, Session, Simulation
+from corpus_tools.tasks import TaskProgress, count_steps
 from mocap_fit.atomic_file import make_folder, write_text
 from mocap_fit.errors import ConfigurationError, MocapFitError, add_path
 from mocap_fit.face import load_face
@@ -59,17 +60,17 @@ class Spoken:
     drift: float = 20.0
 
 
-def run(
-    out: Path,
+def simulate(
+    out: str | os.PathLike[str],
     *,
-    utterances: int,
-    seed: int,
-    layout: str,
-    conditions: Conditions,
+    utterances: int = 287,
+    seed: int = 0,
+    layout: str = "face30-head5",
+    conditions: Conditions | None = None,
     head: dict[str, float] | None = None,
     spoken: Spoken | None = None,
-    progress: Callable[[int], object] | None = None,
-) -> Status:
+    progress: TaskProgress | None = None,
+) -> Path:
     """Write a simulated session: recordings, the reference pose, and the truth beside them.
 
     Parameters
@@ -90,8 +91,15 @@ def run(
         What is spoken, with labels, sound and a manifest. Without it the face makes free gestures,
         and says nothing.
     progress
-        Called with the number of recordings written so far.
+        Called with the task, the number of recordings written, and of all.
+
+    Returns
+    -------
+    Path
+        The folder.
     """
+    out, conditions = Path(out), conditions or Conditions()
+    advance = count_steps(progress, "simulating recordings", utterances)
     session = _session(out, layout, conditions, head)
     takes = None if spoken is None else _Takes(session, spoken, utterances, seed)
     folders = [out / "recordings", out / "truth" / "tracks", out / "truth" / "head"]
@@ -113,17 +121,16 @@ def run(
         write_parquet(simulation.pose.replace(name=name), folders[2] / f"{name}.parquet")
         # The recording comes last: where it is, its truth is too.
         write_qualisys_tsv(simulation.recording, folders[0] / f"{name}.tsv")
-        if progress is not None:
-            progress(i + 1)
+        advance()
     if takes is not None:
-        write_text(out / "truth" / "sync.json", console.json_text(clocks) + "\n")
+        write_json(out / "truth" / "sync.json", clocks)
         write_text(out / "sentences.tsv", takes.table(names))
         if layout not in list_layouts():
             # A manifest names files under its root alone.
             write_text(out / _LAYOUT, Path(layout).read_text(encoding="utf-8"))
             layout = _LAYOUT
         write_text(out / "manifest.toml", takes.manifest(layout))
-    return Status.DONE
+    return out
 
 
 def is_test(utterance: int) -> bool:

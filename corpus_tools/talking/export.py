@@ -4,34 +4,84 @@ from __future__ import annotations
 
 import csv
 import io
+import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from corpus_tools.cli import console
-from corpus_tools.cli.console import Status
-from corpus_tools.talking.speak import measured
+from corpus_tools.talking.speak import read_parameters
 from mocap_fit.atomic_file import write_text
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.face import load_face
 from mocap_fit.tracks import ParameterTracks
 
-Kind = Literal["gltf", "fap", "csv"]
-KINDS: tuple[Kind, ...] = ("gltf", "fap", "csv")
+Format = Literal["gltf", "fap", "csv"]
+FORMATS: tuple[Format, ...] = ("gltf", "fap", "csv")
 _ENDINGS = {"gltf": ".glb", "fap": ".fap", "csv": ".csv"}
 
 
-def run(
-    tracks: Path,
-    to: Kind,
-    out: Path,
+@dataclass(frozen=True, eq=False)
+class ExportReport:
+    """What a run of `export` has written.
+
+    Parameters
+    ----------
+    file
+        The file.
+    format
+        Its format.
+    rate
+        Frames per second, hertz.
+    frames
+        Number of frames.
+    morph_targets
+        Names of the morph targets of a glTF file; else None.
+    largest_error
+        Largest distance of its vertices from those of the face, millimetres; None for other
+        formats.
+    """
+
+    file: Path
+    format: Format
+    rate: float
+    frames: int
+    morph_targets: tuple[str, ...] | None = None
+    largest_error: float | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as JSON can hold it.
+
+        Returns
+        -------
+        dict[str, Any]
+            The fields that have a value.
+        """
+        content: dict[str, Any] = {
+            "file": self.file,
+            "format": self.format,
+            "rate": self.rate,
+            "frames": self.frames,
+        }
+        if self.morph_targets is not None and self.largest_error is not None:
+            content["morph_targets"] = list(self.morph_targets)
+            content["largest_error_mm"] = round(self.largest_error, 4)
+        return content
+
+    def __repr__(self) -> str:
+        return f"ExportReport({self.frames} frames, file={self.file})"
+
+
+def export(
+    tracks: str | os.PathLike[str],
+    to: Format,
+    out: str | os.PathLike[str],
     *,
     face: str = "built-in",
     rate: float | None = None,
-    as_json: bool = False,
-) -> Status:
-    """Write face parameters in another format.
+) -> ExportReport:
+    """Write face parameters for other programs.
 
     Parameters
     ----------
@@ -39,58 +89,51 @@ def run(
         Face parameters (Parquet).
     to
         ``gltf``: the head with morph targets and their animation; ``fap``: MPEG-4 facial
-        animation parameters; ``csv``: a column a parameter.
+        animation parameters; ``csv``: one column per parameter.
     out
         The file.
     face
-        The face that moves; of no use to ``csv``.
+        The face that moves, ``built-in`` or a rig file; not used for ``csv``.
     rate
-        Frames per second; the tracks' own where not given.
-    as_json
-        Print what was written as JSON.
+        Frames per second, hertz; None for that of the tracks.
+
+    Returns
+    -------
+    ExportReport
+        What was written.
 
     Raises
     ------
     MocapFitError
         If the tracks cannot be read, do not belong to the face, or the file cannot be written.
     """
-    if out.suffix.lower() != _ENDINGS[to]:
+    file = Path(out)
+    if file.suffix.lower() != _ENDINGS[to]:
         raise ConfigurationError(
-            f"a file of this kind is called otherwise ({to})",
+            f"the file has the wrong ending for {to}",
             path=out,
-            found=out.suffix or "no ending",
+            found=file.suffix or "no ending",
             expected=f"a name in {_ENDINGS[to]}",
         )
-    parameters = measured(tracks)
-    report: dict[str, Any] = {"file": out, "format": to, "rate": rate or parameters.rate}
+    parameters = read_parameters(Path(tracks))
+    used = rate or parameters.rate
     if to == "csv":
-        report["frames"] = _write_csv(parameters, out, rate)
-    elif to == "fap":
+        return ExportReport(file, to, used, _write_csv(parameters, file, rate))
+    if to == "fap":
         from mocap_fit.render.fap import write_fap
 
-        report["frames"] = write_fap(parameters, out, load_face(face), rate=rate)
-    else:
-        from mocap_fit.render.gltf import write_gltf
+        frames = write_fap(parameters, file, load_face(face), rate=rate)
+        return ExportReport(file, to, used, frames)
+    from mocap_fit.render.gltf import write_gltf
 
-        blended = write_gltf(parameters, out, load_face(face), rate=rate)
-        report["frames"] = len(blended.times)
-        report["morph_targets"] = list(blended.names)
-        report["largest_error_mm"] = round(blended.largest_error, 4)
-    if as_json:
-        console.print_json(report)
-    else:
-        near = ""
-        if "largest_error_mm" in report:
-            near = (
-                f", {len(report['morph_targets'])} morph targets, within "
-                f"{report['largest_error_mm']:.2f} mm of the face"
-            )
-        console.screen().print(f"{report['frames']} frames{near}: {out}", soft_wrap=True)
-    return Status.DONE
+    blended = write_gltf(parameters, file, load_face(face), rate=rate)
+    return ExportReport(
+        file, to, used, len(blended.times), tuple(blended.names), blended.largest_error
+    )
 
 
 def _write_csv(tracks: ParameterTracks, out: Path, rate: float | None) -> int:
-    """A line a frame; missing values are empty."""
+    """Write one line per frame; missing values are empty."""
     times, values = tracks.times, tracks.values
     if rate is not None and rate != tracks.rate:
         frames = max(1, int(np.floor((tracks.frames - 1) * rate / tracks.rate + 1e-6)) + 1)

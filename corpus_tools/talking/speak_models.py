@@ -1,4 +1,4 @@
-"""The control models that `speak` and `stream` take: files, rules, and trained ones kept at hand.
+"""The control models of `speak` and `stream`: files, rules, and trained ones in a cache.
 
 A kind of model is trained for a language on sentences that are simulated in memory (200 to learn
 from, 87 to score on, as many as Beskow had), and kept in the user's cache folder. What it was
@@ -10,19 +10,20 @@ from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Callable, Mapping, Sequence
+import warnings
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from corpus_tools.cli import console
+from corpus_tools.tasks import TaskProgress, count_steps
 from mocap_fit import control
 from mocap_fit._version import __version__
-from mocap_fit.control import CONTROL_MODELS, ControlModel
+from mocap_fit.control import CONTROL_MODELS, ControlModel, LogEntry
 from mocap_fit.corpus import Corpus, Utterance
-from mocap_fit.errors import ConfigurationError, FileFormatError
+from mocap_fit.errors import ConfigurationError, FileFormatError, MocapFitWarning
 from mocap_fit.face.builtin.cache import get_cache_folder
 from mocap_fit.phones import PhoneSet
 from mocap_fit.tracks import ParameterTracks
@@ -35,30 +36,52 @@ UTTERANCES = 287
 _RATE = 60.0
 _SEED = 7
 _SENTENCES, _SPEAKER, _SAID = 1, 2, 3
-# What a talking head needs and is not a kind's default: lips that close on every p, b and m.
+# Settings for a talking head, whose lips close on every p, b and m.
 _LIPS = ("jaw_rotation", "upper_lip_raise", "lower_lip_depression")
 _SETTINGS: dict[str, dict[str, Any]] = {
     "cart": {"closures": dict.fromkeys(_LIPS, "learned")},
 }
 
 
-def languages() -> tuple[str, ...]:
-    """The languages that models can be trained for here."""
+def list_languages() -> tuple[str, ...]:
+    """Return the languages that models can be trained for here.
+
+    Returns
+    -------
+    tuple[str, ...]
+        Such as ``sv``.
+    """
     from corpus_tools.simulation.sentences import languages as known
 
     return known()
 
 
-def simulated_corpus(
+def simulate_corpus(
     language: str,
     utterances: int = UTTERANCES,
     seed: int = _SEED,
     *,
-    progress: Callable[[], object] | None = None,
+    progress: TaskProgress | None = None,
 ) -> Corpus:
-    """Sentences of a language as one simulated speaker says them, without markers or sound.
+    """Simulate sentences as one speaker says them, without markers or sound.
 
     The splits are those of `mocap-fit simulate`: 87 of 287 are for the test.
+
+    Parameters
+    ----------
+    language
+        The language.
+    utterances
+        Number of sentences.
+    seed
+        Seed of all random numbers.
+    progress
+        Called with the task, the number of sentences done, and of all.
+
+    Returns
+    -------
+    Corpus
+        The sentences.
 
     Raises
     ------
@@ -66,7 +89,7 @@ def simulated_corpus(
         If there are no sentences of the language.
     """
     from corpus_tools.simulation.articulation import Articulator
-    from corpus_tools.simulation.durations import spoken
+    from corpus_tools.simulation.durations import spoken as pronounce
     from corpus_tools.simulation.sentences import load_language
     from corpus_tools.simulation.writing import is_test
     from mocap_fit.face import load_face
@@ -75,44 +98,64 @@ def simulated_corpus(
     face = load_face()
     sentences = known.sentences(utterances, np.random.default_rng([seed, _SENTENCES]))
     speaker = Articulator(face, known.phone_set, np.random.default_rng([seed, _SPEAKER]))
-    said = []
+    spoken = []
+    advance = count_steps(progress, f"simulating {language} sentences", utterances)
     for i, sentence in enumerate(sentences):
         timing, moving = np.random.default_rng([seed, _SAID, i]).spawn(2)
         name = f"sim{i + 1:03d}"
-        phones = spoken(sentence.words, known.phone_set, timing, name=name, start=0.1, end=0.1)
+        phones = pronounce(sentence.words, known.phone_set, timing, name=name, start=0.1, end=0.1)
         times = np.arange(int(np.floor(phones[len(phones) - 1].end * _RATE))) / _RATE
         tracks = ParameterTracks(
             face.parameter_names, _RATE, speaker.say(phones, times, moving), name=name
         )
         split = "test" if is_test(i) else "train"
         phones = phones.replace(phone_set=known.phone_set.name)
-        said.append(
-            Utterance.from_tracks(
-                tracks, phones, split=split, speaker="simulated", text=sentence.text
-            )
+        utterance = Utterance.from_tracks(
+            tracks, phones, split=split, speaker="simulated", text=sentence.text
         )
-        if progress is not None:
-            progress()
-    return Corpus.from_utterances(said, known.phone_set, language=language, face="built-in")
+        spoken.append(utterance)
+        advance()
+    return Corpus.from_utterances(spoken, known.phone_set, language=language, face="built-in")
 
 
-def folder() -> Path:
-    """Where trained models are kept."""
+def get_folder() -> Path:
+    """Return the folder of the trained models.
+
+    Returns
+    -------
+    Path
+        In the user's cache.
+    """
     return get_cache_folder() / "models"
 
 
-def cached_file(name: str, language: str, utterances: int = UTTERANCES) -> Path:
-    """Where the trained model of a kind and a language is kept, or would be."""
+def locate_model(name: str, language: str, utterances: int = UTTERANCES) -> Path:
+    """Return the file of the trained model of a kind and a language, also where there is none.
+
+    Parameters
+    ----------
+    name
+        Name of a control model.
+    language
+        The language.
+    utterances
+        Number of sentences that it is trained and tested on.
+
+    Returns
+    -------
+    Path
+        The file.
+    """
     settings = _SETTINGS.get(name, {})
-    made_with = f"{__version__} {np.__version__} {utterances} {settings}"
-    digest = hashlib.sha256(made_with.encode())
-    for path in _sources(name):
+    origin = f"{__version__} {np.__version__} {utterances} {settings}"
+    digest = hashlib.sha256(origin.encode())
+    for path in _list_sources(name):
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
-    return folder() / f"{name}-{language}-{digest.hexdigest()[:12]}.model"
+    return get_folder() / f"{name}-{language}-{digest.hexdigest()[:12]}.model"
 
 
-def prepared(
+def prepare_model(
     name: str,
     language: str,
     *,
@@ -120,23 +163,31 @@ def prepared(
     fresh: bool = False,
     settings: dict[str, Any] | None = None,
     corpora: dict[str, Corpus] | None = None,
+    progress: TaskProgress | None = None,
 ) -> ControlModel:
-    """The model of a kind for a language: kept from before, or trained now and kept.
+    """Return the model of a kind for a language: from the cache, or trained now.
 
     Parameters
     ----------
     name
-        One of `control.names`.
+        Name of a control model.
     language
-        One of `languages`.
+        A language that there are sentences of.
     utterances
-        How many sentences it is trained and tested on.
+        Number of sentences that it is trained and tested on.
     fresh
-        Train it also where one is kept.
+        Whether it is trained again where one is in the cache.
     settings
-        Of the model. A model with settings of its own is not kept.
+        Settings of the model. One with other settings than usual is not cached.
     corpora
-        Simulated corpora by language, which is added to: of use to who prepares many.
+        Simulated corpora by language, to which a new one is added.
+    progress
+        Called with a task, the number of its steps done, and of all.
+
+    Returns
+    -------
+    ControlModel
+        A trained model.
 
     Raises
     ------
@@ -145,69 +196,95 @@ def prepared(
     ConfigurationError
         If there are no sentences of the language.
     """
-    made = control.create(name, **(_SETTINGS.get(name, {}) | (settings or {})))
-    if language not in languages():
+    model = control.create(name, **(_SETTINGS.get(name, {}) | (settings or {})))
+    if language not in list_languages():
         raise ConfigurationError(
             f"the model '{name}' cannot be trained for the language '{language}': there are no "
             "sentences to simulate",
-            expected=f"one of {', '.join(languages())}",
+            expected=f"one of {', '.join(list_languages())}",
             advice=f"Give the file of a trained model, or take the model '{RULE_BASED}'.",
         )
-    path = cached_file(name, language, utterances)
+    path = locate_model(name, language, utterances)
     if not settings and not fresh and path.is_file():
         try:
             return control.load(path)
         except FileFormatError as error:
-            console.say(f"warning: {error} It is made again.")
+            warnings.warn(f"{error} It is made again.", MocapFitWarning, stacklevel=2)
     corpora = {} if corpora is None else corpora
     if language not in corpora:
-        with console.progress(f"simulating {language} sentences", utterances) as advance:
-            corpora[language] = simulated_corpus(language, utterances, progress=advance)
-    from corpus_tools.training.train import parts, training_progress
+        corpora[language] = simulate_corpus(language, utterances, progress=progress)
+    from corpus_tools.training.train import format_entry, split_training
 
-    training, held_out = parts(corpora[language], "clean")
-    console.say(
-        f"training {name} on {len(training)} simulated sentences of {language}; it is kept for "
-        "the next time"
-    )
-    with training_progress(f"training {name}") as told:
-        made.fit(training, held_out, progress=told)
-    made.trained_on_ |= {"corpus": f"simulated-{language}", "seed": _SEED}
+    training, held_out = split_training(corpora[language], "clean")
+    show = progress or (lambda task, done, total: None)
+    count = f"{len(training)} simulated sentences of {language}"
+    show(f"training {name} on {count}; it is kept for the next time", 0, None)
+
+    def show_entry(entry: LogEntry) -> None:
+        show(format_entry(f"training {name}", entry), entry.iteration + 1, None)
+
+    model.fit(training, held_out, progress=show_entry)
+    model.trained_on_ |= {"corpus": f"simulated-{language}", "seed": _SEED}
     if not settings:
-        _keep(made, path)
-    return made
+        _save(model, path)
+    return model
 
 
-def scored(corpus: Corpus, models: Mapping[str, ControlModel]) -> Evaluation:
-    """Score models on the test sentences of a simulated corpus, and the rule-based one with them.
+def score_models(
+    corpus: Corpus, models: Mapping[str, ControlModel], *, progress: TaskProgress | None = None
+) -> Evaluation:
+    """Score models, and the rule-based one, on the test sentences of a simulated corpus.
 
     Parameters
     ----------
     corpus
-        From `simulated_corpus`.
+        From `simulate_corpus`.
     models
-        Trained on it, by name.
+        Models that were trained on it, by name.
+    progress
+        Called with the task, the number of sentences done, and of all.
+
+    Returns
+    -------
+    Evaluation
+        The scores.
     """
     from mocap_fit.control.rule_based import RuleBased
     from mocap_fit.evaluation import evaluate
 
     rules = RuleBased().prepare(corpus.phone_set, corpus.parameter_names)
     test = corpus.get_split("test")
-    with console.progress("scoring sentences", len(test)) as advance:
-        return evaluate(test, {RULE_BASED: rules, **models}, resamples=200, progress=advance)
+    advance = count_steps(progress, "scoring sentences", len(test))
+    return evaluate(test, {RULE_BASED: rules, **models}, resamples=200, progress=advance)
 
 
-def model_for(
-    name: str, language: str, phone_set: PhoneSet, parameter_names: Sequence[str]
+def find_model(
+    name: str,
+    language: str,
+    phone_set: PhoneSet,
+    parameter_names: Sequence[str],
+    *,
+    progress: TaskProgress | None = None,
 ) -> ControlModel:
-    """The model that a user names: a file, or a kind of model.
+    """Return the model that a user names: from a file, or of a kind.
 
     Parameters
     ----------
     name
-        A file that `ControlModel.save` wrote, or one of `control.names`.
-    language, phone_set, parameter_names
-        What it will speak, and with which face; they make the rule-based model ready.
+        A file that `ControlModel.save` wrote, or the name of a control model.
+    language
+        The language that it will speak.
+    phone_set
+        The phone set of what it will speak.
+    parameter_names
+        Parameters of the face that it will move.
+    progress
+        Called with a task, the number of its steps done, and of all.
+
+    Returns
+    -------
+    ControlModel
+        The model, trained.
 
     Raises
     ------
@@ -216,12 +293,13 @@ def model_for(
     """
     if name == RULE_BASED:
         from mocap_fit.control.rule_based import RuleBased
+        from mocap_fit.phones import ARTICULATORY_PARAMETERS
 
-        names = [p for p in _articulatory() if p in parameter_names]
+        names = [p for p in ARTICULATORY_PARAMETERS if p in parameter_names]
         return RuleBased().prepare(phone_set, names or parameter_names)
     path = Path(name)
     if name in control.names() and not path.is_file():
-        return prepared(name, language)
+        return prepare_model(name, language, progress=progress)
     if path.exists() or path.suffix or len(path.parts) > 1:
         return control.load(path)
     raise ConfigurationError(
@@ -230,8 +308,19 @@ def model_for(
     )
 
 
-def described(model: ControlModel) -> str:
-    """What a model is and was trained on, in a few words."""
+def describe_model(model: ControlModel) -> str:
+    """Return what a model is and was trained on, in a few words.
+
+    Parameters
+    ----------
+    model
+        The model.
+
+    Returns
+    -------
+    str
+        Such as ``Rule-based, for phones of sv-sta``.
+    """
     about = model.trained_on_
     count = int(about.get("utterances") or 0)
     if not count:
@@ -240,30 +329,25 @@ def described(model: ControlModel) -> str:
     return f"{model.title}, trained on {count} utterances of {corpus} ({model.phone_set_.name})"
 
 
-def _articulatory() -> tuple[str, ...]:
-    from mocap_fit.phones import ARTICULATORY_PARAMETERS
-
-    return ARTICULATORY_PARAMETERS
-
-
-def _keep(model: ControlModel, path: Path) -> None:
+def _save(model: ControlModel, path: Path) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         model.save(path)
     except (OSError, FileFormatError) as error:
-        console.say(f"warning: the model could not be kept: {error}")
+        message = f"the model could not be saved for the next time: {error}"
+        warnings.warn(message, MocapFitWarning, stacklevel=3)
 
 
-def _sources(name: str) -> list[Path]:
-    """Code and tables that decide what a model of that kind is."""
-    places = ["mocap_fit.control", "mocap_fit.phones", "corpus_tools.simulation"]
+def _list_sources(name: str) -> list[Path]:
+    """Return the files of code and tables that a model of that kind depends on."""
+    packages = ["mocap_fit.control", "mocap_fit.phones", "corpus_tools.simulation"]
     files = {
         path
-        for place in places
-        for path in Path(str(resources.files(place))).rglob("*")
+        for package in packages
+        for path in Path(str(resources.files(package))).rglob("*")
         if path.suffix in (".py", ".toml")
     }
-    own = sys.modules[CONTROL_MODELS.get(name).__module__].__file__
-    if own is not None:
-        files.add(Path(own))
+    plug_in = sys.modules[CONTROL_MODELS.get(name).__module__].__file__
+    if plug_in is not None:
+        files.add(Path(plug_in))
     return sorted(files)

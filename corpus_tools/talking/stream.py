@@ -3,64 +3,66 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Iterator
-from typing import Any, TextIO
+from collections.abc import Iterable, Iterator
+from typing import Any
 
-from corpus_tools.cli import console
-from corpus_tools.cli.console import Status
 from corpus_tools.talking import speak_models
+from corpus_tools.tasks import TaskProgress
+from mocap_fit.control import ControlModel
 from mocap_fit.errors import FileFormatError, MocapFitError
 from mocap_fit.phones import PhoneSegment
 
 _EXPECTED = 'START END PHONE [STRESS], or {"start": …, "end": …, "phone": …}'
 
 
-def run(
+def stream(
     model: str,
+    lines: Iterable[str],
     *,
     language: str = "en",
     rate: float | None = None,
-    lines: TextIO | None = None,
-    out: TextIO | None = None,
-) -> Status:
-    """Read phones line by line and write frames as soon as they are sure.
+    progress: TaskProgress | None = None,
+) -> Iterator[dict[str, float]]:
+    """Read phones line by line and yield frames as soon as they are certain.
 
     Parameters
     ----------
     model
-        The file of a trained model, or a kind of model.
+        The file of a trained model, or the name of a kind of model.
+    lines
+        Where phones come from, one per line; an empty line ends an utterance.
     language
-        Of a kind of model.
+        Language of a kind of model: sv, cs, en, or any voice of espeak-ng.
     rate
-        Frames per second; the model's own where not given.
-    lines, out
-        Where phones come from and frames go; stdin and stdout where not given.
+        Frames per second, hertz; None for the model's rate.
+    progress
+        Called with a description of the model, and while a model is trained.
+
+    Yields
+    ------
+    dict[str, float]
+        ``time`` in seconds and the parameters by name, no unit, rounded to six places.
 
     Raises
     ------
     MocapFitError
-        If the model cannot be used, or a line is wrong; frames until then have been written.
+        If the model cannot be used, or a line is wrong; all frames before it have been yielded.
     """
     from mocap_fit.face import load_face
     from mocap_fit.phones import load_phone_set
-    from mocap_fit.synthesis import stream_frames
     from mocap_fit.synthesis.text_to_phones import LANGUAGES
 
     voice = LANGUAGES.get(language)
     phone_set = load_phone_set("ipa" if voice is None else voice.phone_set)
-    chosen = speak_models.model_for(model, language, phone_set, load_face().parameter_names)
-    console.say(f"{speak_models.described(chosen)}; looks ahead {chosen.look_ahead:g} s")
-    source, sink = lines or sys.stdin, out or sys.stdout
-    reader = _Reader(source)
+    names = load_face().parameter_names
+    chosen = speak_models.find_model(model, language, phone_set, names, progress=progress)
+    if progress is not None:
+        description = speak_models.describe_model(chosen)
+        progress(f"{description}; looks ahead {chosen.look_ahead:g} s", 0, None)
+    reader = _Reader(lines)
     while not reader.ended:
         try:
-            for frame in stream_frames(reader.utterance(), chosen, rate):
-                values = dict(zip(chosen.parameter_names_, frame.values.tolist(), strict=True))
-                rounded = {name: round(value, 6) for name, value in values.items()}
-                sink.write(json.dumps({"time": round(frame.time, 6), **rounded}) + "\n")
-                # Whoever animates waits for it.
-                sink.flush()
+            yield from _predict(reader, chosen, rate)
         except MocapFitError as error:
             if error.line is not None:
                 raise
@@ -72,34 +74,40 @@ def run(
                 expected=error.expected,
                 advice=error.advice,
             ) from None
-    return Status.DONE
+
+
+def _predict(
+    reader: _Reader, model: ControlModel, rate: float | None
+) -> Iterator[dict[str, float]]:
+    from mocap_fit.synthesis import stream_frames
+
+    for frame in stream_frames(reader.read_utterance(), model, rate):
+        values = dict(zip(model.parameter_names_, frame.values.tolist(), strict=True))
+        rounded = {name: round(value, 6) for name, value in values.items()}
+        yield {"time": round(frame.time, 6), **rounded}
 
 
 class _Reader:
     """Utterances from lines; an empty line ends one."""
 
-    def __init__(self, lines: TextIO) -> None:
-        self._lines = lines
+    def __init__(self, lines: Iterable[str]) -> None:
+        self._lines = iter(lines)
         self.line = 0
         self.ended = False
 
-    def utterance(self) -> Iterator[PhoneSegment]:
-        """The phones until the next empty line, each as soon as its line is there."""
-        # Not a loop over the file, which would read ahead.
-        while True:
-            text = self._lines.readline()
-            if not text:
-                self.ended = True
-                return
+    def read_utterance(self) -> Iterator[PhoneSegment]:
+        """Yield the phones until the next empty line, each as soon as its line is there."""
+        for text in self._lines:
             self.line += 1
             if not text.strip():
                 return
-            yield _segment(text.strip(), self.line)
+            yield _parse_segment(text.strip(), self.line)
+        self.ended = True
 
 
-def _segment(text: str, line: int) -> PhoneSegment:
+def _parse_segment(text: str, line: int) -> PhoneSegment:
     try:
-        start, end, phone, stress = _fields(text)
+        start, end, phone, stress = _split_fields(text)
         return PhoneSegment(
             float(start), float(end), phone, None if stress is None else int(stress)
         )
@@ -113,14 +121,14 @@ def _segment(text: str, line: int) -> PhoneSegment:
         ) from None
 
 
-def _fields(text: str) -> tuple[Any, Any, str, Any]:
-    """Start, end, phone and stress; a `ValueError`, `KeyError` or `TypeError` if they are not."""
+def _split_fields(text: str) -> tuple[Any, Any, str, Any]:
+    """Return start, end, phone and stress, or raise ValueError, KeyError or TypeError."""
     if not text.startswith("{"):
         start, end, phone, *rest = text.split()
         if len(rest) > 1:
             raise ValueError(text)
         return start, end, phone, rest[0] if rest else None
-    given = json.loads(text)
-    if not isinstance(given["phone"], str):
-        raise TypeError(given["phone"])
-    return given["start"], given["end"], given["phone"], given.get("stress")
+    fields = json.loads(text)
+    if not isinstance(fields["phone"], str):
+        raise TypeError(fields["phone"])
+    return fields["start"], fields["end"], fields["phone"], fields.get("stress")

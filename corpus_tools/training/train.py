@@ -2,159 +2,265 @@
 
 from __future__ import annotations
 
-import contextlib
-import time
-import tomllib
-from collections.abc import Callable, Iterator, Sequence
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from corpus_tools.cli import console
-from corpus_tools.cli.console import Status
 from mocap_fit import control
 from mocap_fit.atomic_file import make_folder, write_text
 from mocap_fit.control import ControlModel, LogEntry
 from mocap_fit.corpus import Corpus, open_corpus
 from mocap_fit.errors import ConfigurationError
+from mocap_fit.processes import use_one_thread
 
+_Path = str | os.PathLike[str]
 Protocol = Literal["clean", "paper"]
 PROTOCOLS: tuple[Protocol, ...] = ("clean", "paper")
 VALIDATION = 0.1
-_SECONDS = 5.0
 
 
-def run(
-    corpus: Path,
+@dataclass(frozen=True, eq=False)
+class TrainReport:
+    """What a run of `train` has done.
+
+    Parameters
+    ----------
+    model
+        The trained model.
+    file
+        Its file.
+    protocol
+        ``clean`` or ``paper``.
+    utterances
+        Number of utterances it was trained on.
+    held_out_utterances
+        Number of utterances that said when to stop.
+    """
+
+    model: ControlModel
+    file: Path
+    protocol: Protocol
+    utterances: int
+    held_out_utterances: int
+
+    @property
+    def errors(self) -> dict[str, float | None]:
+        """Root mean square errors at the best iteration, over all parts; None if not measured."""
+        return _combine_errors(self.model.log_)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as JSON can hold it.
+
+        Returns
+        -------
+        dict[str, Any]
+            Name, settings, sizes, log and errors of the model.
+        """
+        model = self.model
+        return {
+            "model": model.name,
+            "title": model.title,
+            "file": self.file,
+            "settings": model.get_params(),
+            "protocol": self.protocol,
+            "free_parameters": model.parameter_count,
+            "look_ahead_s": model.look_ahead,
+            "utterances": self.utterances,
+            "held_out_utterances": self.held_out_utterances,
+            "log": [entry.__dict__ for entry in model.log_],
+            **self.errors,
+        }
+
+    def __repr__(self) -> str:
+        return f"TrainReport({self.model.title}: {self.utterances} utterances, file={self.file})"
+
+
+@dataclass(frozen=True, eq=False)
+class SweepReport:
+    """What a run of `sweep_look_ahead` has measured.
+
+    Parameters
+    ----------
+    utterances
+        Number of utterances that the networks were trained on.
+    look_ahead
+        One record per network: ``frames`` (of 1/60 s), ``look_ahead`` in seconds, ``error`` on
+        what was held out, and the ``epoch`` of that error.
+    files
+        A table and a figure.
+    """
+
+    utterances: int
+    look_ahead: tuple[Mapping[str, float], ...]
+    files: tuple[Path, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as JSON can hold it.
+
+        Returns
+        -------
+        dict[str, Any]
+            ``utterances`` and ``look_ahead``.
+        """
+        return {"utterances": self.utterances, "look_ahead": list(self.look_ahead)}
+
+    def __repr__(self) -> str:
+        return f"SweepReport({len(self.look_ahead)} networks, file={self.files[0]})"
+
+
+@use_one_thread()
+def train(
+    corpus: _Path,
+    model: str | ControlModel,
     *,
-    model: str,
-    out: Path,
+    out: _Path,
+    settings: Mapping[str, Any] | None = None,
     protocol: Protocol = "clean",
     validation: float = VALIDATION,
     seed: int = 0,
-    settings: Sequence[str] = (),
-    as_json: bool = False,
-) -> Status:
-    """Train a model and write it.
+    progress: Callable[[LogEntry], object] | None = None,
+) -> TrainReport:
+    """Train a control model on the training part of a corpus, and write it.
 
     Parameters
     ----------
     corpus
-        A corpus's folder.
+        Folder of a corpus.
     model
-        Name of a control model.
+        Name of a control model, or one that is not trained yet.
     out
-        The file of the trained model; one that exists is replaced. A long training keeps how far
-        it is in ``OUT.checkpoint``, and goes on from there when the command is given again.
-    protocol, validation, seed
-        As for `parts`.
+        File of the trained model; one that exists is replaced. A long training saves its state in
+        ``OUT.checkpoint``, and goes on from there when it is started again.
     settings
-        Settings of the model, ``KEY=VALUE`` each, values as TOML has them.
-    as_json
-        Print what came of it as JSON.
+        Settings of a model that is given by its name.
+    protocol
+        ``clean``: training stops by a part of the training sentences; ``paper``: by the test set.
+    validation
+        Share of the training sentences that is held out, 0 to 1.
+    seed
+        Seed of the draw of what is held out.
+    progress
+        Called with every entry of the training's log.
+
+    Returns
+    -------
+    TrainReport
+        The trained model and its file.
 
     Raises
     ------
     MocapFitError
         If the corpus cannot be used, or there is no such model or setting.
     """
-    made = control.create(model, **parsed(settings))
-    if out.is_dir():
+    untrained = control.create(model, **(settings or {})) if isinstance(model, str) else model
+    folder, file = Path(corpus), Path(out)
+    if file.is_dir():
         raise ConfigurationError(
             "a folder is where the model should be written", path=out, advice="Give a file."
         )
-    whole = open_corpus(corpus)
-    training, held_out = parts(whole, protocol, validation, seed)
-    checkpoint = out.with_name(f"{out.name}.checkpoint")
-    make_folder(out.parent)
-    with training_progress(f"training {model}") as told:
-        made.fit(training, held_out, progress=told, checkpoint=checkpoint)
-    made.trained_on_ |= {"corpus": corpus.resolve().name, "protocol": protocol}
-    made.save(out)
+    training, held_out = split_training(open_corpus(folder), protocol, validation, seed)
+    checkpoint = file.with_name(f"{file.name}.checkpoint")
+    make_folder(file.parent)
+    trained = untrained.fit(training, held_out, progress=progress, checkpoint=checkpoint)
+    trained.trained_on_ |= {"corpus": folder.resolve().name, "protocol": protocol}
+    trained.save(file)
     checkpoint.unlink(missing_ok=True)
-    report = _report(made, out, training, held_out, protocol)
-    if as_json:
-        console.print_json(report)
-    else:
-        _show(report)
-    return Status.DONE
+    return TrainReport(trained, file, protocol, len(training), len(held_out))
 
 
-def sweep(
-    corpus: Path,
+@use_one_thread()
+def sweep_look_ahead(
+    corpus: _Path,
     *,
-    out: Path,
+    out: _Path,
+    settings: Mapping[str, Any] | None = None,
     protocol: Protocol = "clean",
     validation: float = VALIDATION,
     seed: int = 0,
-    settings: Sequence[str] = (),
-    as_json: bool = False,
-) -> Status:
-    """Train networks that see 0 to 15 frames ahead, and tell their errors (Figure 4).
+    progress: Callable[[LogEntry], object] | None = None,
+) -> SweepReport:
+    """Train networks that see 0 to 15 frames ahead, and write their errors (Beskow figure 4).
 
     Parameters
     ----------
     corpus
-        A corpus's folder.
+        Folder of a corpus.
     out
-        A folder for ``look_ahead.csv`` and ``look_ahead.png``; a sweep that was stopped goes on
-        from ``look_ahead.checkpoint`` there.
-    protocol, validation, seed, settings
-        As for `run`; settings are those of the networks.
-    as_json
-        Print the errors as JSON.
+        Folder of ``look_ahead.csv`` and ``look_ahead.png``; a sweep that was stopped goes on from
+        ``look_ahead.checkpoint`` there.
+    settings
+        Settings of the networks.
+    protocol
+        ``clean``: training stops by a part of the training sentences; ``paper``: by the test set.
+    validation
+        Share of the training sentences that is held out, 0 to 1.
+    seed
+        Seed of the draw of what is held out.
+    progress
+        Called with every entry of the training's log.
+
+    Returns
+    -------
+    SweepReport
+        The errors.
+
+    Raises
+    ------
+    MocapFitError
+        If the corpus cannot be used, or there is no such setting.
     """
     from mocap_fit.control.networks import LowLatencyNetworks
-    from mocap_fit.control.networks.look_ahead_sweep import sweep_look_ahead
+    from mocap_fit.control.networks.look_ahead_sweep import sweep_look_ahead as train_networks
     from mocap_fit.drawing import save_figure
     from mocap_fit.evaluation.figures import look_ahead_figure
 
-    model = control.create(LowLatencyNetworks.name, **parsed(settings))
+    model = control.create(LowLatencyNetworks.name, **(settings or {}))
     assert isinstance(model, LowLatencyNetworks)
-    training, held_out = parts(open_corpus(corpus), protocol, validation, seed)
-    make_folder(out)
-    checkpoint = out / "look_ahead.checkpoint"
-    with training_progress("training networks") as told:
-        points = sweep_look_ahead(
-            training, held_out, settings=model, progress=told, checkpoint=checkpoint
-        )
-    rows = [point._asdict() for point in points]
+    folder = Path(out)
+    training, held_out = split_training(open_corpus(corpus), protocol, validation, seed)
+    make_folder(folder)
+    checkpoint = folder / "look_ahead.checkpoint"
+    points = train_networks(
+        training, held_out, settings=model, progress=progress, checkpoint=checkpoint
+    )
+    rows = tuple(point._asdict() for point in points)
     lines = [",".join(rows[0]), *(",".join(f"{v:.6g}" for v in row.values()) for row in rows)]
-    write_text(out / "look_ahead.csv", "\n".join(lines) + "\n")
+    table, figure = folder / "look_ahead.csv", folder / "look_ahead.png"
+    write_text(table, "\n".join(lines) + "\n")
     save_figure(
-        out / "look_ahead.png",
+        figure,
         look_ahead_figure,
         [point.look_ahead for point in points],
         [point.error for point in points],
     )
     checkpoint.unlink(missing_ok=True)
-    if as_json:
-        console.print_json({"utterances": len(training), "look_ahead": rows})
-    else:
-        cells = [
-            [str(p.frames), f"{1000 * p.look_ahead:.0f}", f"{p.error:.4f}", str(p.epoch)]
-            for p in points
-        ]
-        screen = console.screen()
-        screen.print(console.table(["frames ahead", "ms", "held-out error", "epoch"], cells))
-        screen.print(f"Written: {out / 'look_ahead.csv'}, look_ahead.png", soft_wrap=True)
-    return Status.DONE
+    return SweepReport(len(training), rows, (table, figure))
 
 
-def parts(
+def split_training(
     corpus: Corpus, protocol: Protocol, fraction: float = VALIDATION, seed: int = 0
 ) -> tuple[Corpus, Corpus]:
-    """What is learned from, and what tells when to stop (Beskow section 4.1).
+    """Split a corpus into what is learned from and what says when to stop (Beskow section 4.1).
 
     Parameters
     ----------
     corpus
         With splits ``train`` and ``test``.
     protocol
-        ``clean``: a split ``validation`` if the corpus has one, else a part of the training
-        sentences, tells when to stop, and the test set stays unseen. ``paper``: the test set
-        itself does, as in the paper, so that scores on it flatter.
-    fraction, seed
-        How much of the training sentences is held out, and the draw.
+        ``clean``: training stops by a split ``validation`` if the corpus has one, else by a part
+        of the training sentences, and the test set stays unseen. ``paper``: by the test set
+        itself, as in the paper, so that scores on it are too good.
+    fraction
+        Share of the training sentences that is held out, 0 to 1.
+    seed
+        Seed of the draw of what is held out.
+
+    Returns
+    -------
+    tuple[Corpus, Corpus]
+        What is learned from, and what is held out.
     """
     if protocol == "paper":
         return corpus.get_split("train"), corpus.get_split("test")
@@ -163,100 +269,41 @@ def parts(
     return corpus.get_split("train").hold_out(fraction, seed)
 
 
-def parsed(settings: Sequence[str]) -> dict[str, Any]:
-    """Settings from ``KEY=VALUE``; what is not a TOML value is text.
+def format_entry(task: str, entry: LogEntry) -> str:
+    """Return an entry of a training's log in words.
 
-    Raises
-    ------
-    ConfigurationError
-        If one has no = or no key.
+    Parameters
+    ----------
+    task
+        What is being trained, such as ``training cart``.
+    entry
+        The entry.
+
+    Returns
+    -------
+    str
+        The text.
     """
-    found: dict[str, Any] = {}
-    for setting in settings:
-        key, equals, text = setting.partition("=")
-        key = key.strip().replace("-", "_")
-        if not equals or not key.isidentifier():
-            raise ConfigurationError(
-                "a setting of the model is not understood", found=setting, expected="KEY=VALUE"
-            )
-        try:
-            value = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
-            value = text
-        found[key] = tuple(value) if isinstance(value, list) else value
-    return found
+    part = f", {entry.part.replace('_', ' ')}" if entry.part else ""
+    error = entry.validation_error
+    held_out = "" if error is None else f", held out {error:.4f}"
+    return f"{task}{part}: iteration {entry.iteration}, error {entry.training_error:.4f}{held_out}"
 
 
-@contextlib.contextmanager
-def training_progress(task: str) -> Iterator[Callable[[LogEntry], object]]:
-    """Show how far a training is, on stderr: the newest errors, every few seconds."""
-    last = time.monotonic()
-
-    def show(entry: LogEntry) -> None:
-        nonlocal last
-        if time.monotonic() - last < _SECONDS:
-            return
-        last = time.monotonic()
-        part = f", {entry.part.replace('_', ' ')}" if entry.part else ""
-        held = entry.validation_error
-        beside = "" if held is None else f", held out {held:.4f}"
-        console.say(
-            f"{task}{part}: iteration {entry.iteration}, error {entry.training_error:.4f}{beside}"
-        )
-
-    yield show
-
-
-def _report(
-    model: ControlModel, out: Path, training: Corpus, held_out: Corpus, protocol: Protocol
-) -> dict[str, Any]:
-    return {
-        "model": model.name,
-        "title": model.title,
-        "file": out,
-        "settings": model.get_params(),
-        "protocol": protocol,
-        "free_parameters": model.parameter_count,
-        "look_ahead_s": model.look_ahead,
-        "utterances": len(training),
-        "held_out_utterances": len(held_out),
-        "log": [entry.__dict__ for entry in model.log_],
-        **errors_of(model),
-    }
-
-
-def errors_of(model: ControlModel) -> dict[str, float | None]:
-    """Root mean square errors at the end of training, over all parts; None where not measured."""
-    ends = {entry.part: entry for entry in model.log_}.values()
-    best = {
-        part: min(
-            (e for e in model.log_ if e.part == part),
+def _combine_errors(log: Sequence[LogEntry]) -> dict[str, float | None]:
+    best = [
+        min(
+            (entry for entry in log if entry.part == part),
             key=lambda e: e.training_error if e.validation_error is None else e.validation_error,
         )
-        for part in {entry.part for entry in ends}
-    }.values()
-    held = [entry.validation_error for entry in best if entry.validation_error is not None]
+        for part in dict.fromkeys(entry.part for entry in log)
+    ]
+    held_out = [entry.validation_error for entry in best if entry.validation_error is not None]
 
-    def together(errors: Sequence[float]) -> float | None:
+    def combine(errors: Sequence[float]) -> float | None:
         return (sum(e * e for e in errors) / len(errors)) ** 0.5 if errors else None
 
     return {
-        "training_error": together([entry.training_error for entry in best]),
-        "held_out_error": together(held),
+        "training_error": combine([entry.training_error for entry in best]),
+        "held_out_error": combine(held_out),
     }
-
-
-def _show(report: dict[str, Any]) -> None:
-    screen = console.screen()
-    screen.print(
-        f"{report['title']}: {report['free_parameters']} free parameters, trained on "
-        f"{report['utterances']} utterances; {report['held_out_utterances']} told when to stop."
-    )
-    if report["training_error"] is not None:
-        held = report["held_out_error"]
-        beside = "" if held is None else f", {held:.4f} on what was held out"
-        screen.print(
-            f"Root mean square error: {report['training_error']:.4f} in training{beside} "
-            "(1 is the full gesture)."
-        )
-    screen.print(f"Written: {report['file']}", soft_wrap=True)

@@ -7,7 +7,13 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from corpus_tools.training import page as pages
+from corpus_tools.html_page import (
+    embed_picture,
+    format_heading,
+    format_page,
+    format_paragraph,
+    format_table,
+)
 from corpus_tools.validation.findings import Finding, Severity
 from corpus_tools.validation.pictures import evidence_picture, overview
 from corpus_tools.validation.report import Report, by_code
@@ -35,38 +41,38 @@ def write_page(report: Report, path: Path) -> None:
         If it cannot be written.
     """
     with tempfile.TemporaryDirectory() as folder:
-        text = pages.page("What mocap-fit validate found", _parts(report, Path(folder)))
+        text = format_page("What mocap-fit validate found", _parts(report, Path(folder)))
     write_text(path, text, "page")
 
 
 def _parts(report: Report, folder: Path) -> Iterator[str]:
     for line in report.checked:
-        yield pages.paragraph(line)
+        yield format_paragraph(line)
     colour = _COLOURS[Severity.NOTE] if report.clean else _COLOURS[Severity.ERROR]
     yield f'<p style="font-size:1.1rem;color:{colour}"><b>{html.escape(report.verdict())}</b></p>'
     groups = by_code(report.findings)
     if groups:
-        yield pages.heading("In short")
-        yield pages.table(
+        yield format_heading("In short")
+        yield format_table(
             ("severity", "code", "what is wrong", "how many", "what to do"),
             [(f.severity.value, f.code, f.title, len(members), f.advice) for f, members in groups],
         )
-        yield pages.heading("All findings")
+        yield format_heading("All findings")
     for first, members in groups:
         yield _group(first, members)
         for number, finding in enumerate(f for f in members if f.evidence is not None):
             target = folder / f"{finding.severity.value}_{finding.code}_{number}.svg"
             save_figure(target, evidence_picture, finding)
-            yield pages.picture(target, f"{finding.code}, {finding.place}: {finding.found}")
+            yield embed_picture(target, f"{finding.code}, {finding.place}: {finding.found}")
     figures = list(overview(report))
     if figures:
-        yield pages.heading("What is usual")
+        yield format_heading("What is usual")
     for number, (caption, draw) in enumerate(figures):
         target = folder / f"overview_{number}.svg"
         save_figure(target, draw)
-        yield pages.picture(target, caption)
-    yield pages.heading("Thresholds")
-    yield pages.paragraph(
+        yield embed_picture(target, caption)
+    yield format_heading("Thresholds")
+    yield format_paragraph(
         "A file with some of these lines, given with `--thresholds`, changes what counts as wrong."
     )
     yield _thresholds(report)
@@ -96,9 +102,9 @@ def _group(first: Finding, members: list[Finding]) -> str:
     table = _table(header, rows)
     more = ""
     if len(members) > _MOST_ROWS:
-        more = pages.paragraph(f"and {len(members) - _MOST_ROWS} more; `--json` has all.")
+        more = format_paragraph(f"and {len(members) - _MOST_ROWS} more; `--json` has all.")
     opened = " open" if first.severity is not Severity.NOTE or len(members) <= 10 else ""
-    return f"<details{opened}>{head}{pages.paragraph(first.advice)}{table}{more}</details>"
+    return f"<details{opened}>{head}{format_paragraph(first.advice)}{table}{more}</details>"
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -124,5 +130,5 @@ def _thresholds(report: Report) -> str:
         for section, values in report.limits.as_record().items()
         for name, value in values.items()
     ]
-    table = pages.table(("section", "name", "value"), rows)
+    table = format_table(("section", "name", "value"), rows)
     return f"<details><summary>All</summary>{table}</details>"

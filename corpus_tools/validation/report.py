@@ -11,9 +11,6 @@ from corpus_tools.validation.findings import Finding, Severity, capped, codes, i
 from corpus_tools.validation.subject import Summary
 from corpus_tools.validation.thresholds import Thresholds
 
-_SHOWN = 5
-_COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.NOTE: "dim"}
-
 
 @dataclass
 class Report:
@@ -99,49 +96,6 @@ def by_code(findings: Sequence[Finding]) -> list[tuple[Finding, list[Finding]]]:
     for finding in findings:
         groups.setdefault((finding.severity, finding.code), []).append(finding)
     return [(members[0], members) for members in groups.values()]
-
-
-def show(report: Report) -> None:
-    """Print a report for people on stdout."""
-    from rich.text import Text
-
-    from corpus_tools.cli import console
-
-    screen = console.screen()
-    for line in report.checked:
-        screen.print(Text(console.printable(line)), soft_wrap=True)
-    for first, members in by_code(report.findings):
-        head = Text()
-        head.append(f"\n{first.severity.value} ", style=_COLOURS[first.severity])
-        head.append(f"{first.code} ", style="bold")
-        head.append(first.title)
-        if len(members) > 1:
-            head.append(f" ({len(members)})")
-        screen.print(head, soft_wrap=True)
-        for finding in members[:_SHOWN]:
-            line = f"  {finding.place}: {finding.found}"
-            if finding.expected:
-                line += f"; expected {finding.expected}"
-            screen.print(Text("  " + console.printable(line)), soft_wrap=True)
-        if len(members) > _SHOWN:
-            screen.print(Text(f"  and {len(members) - _SHOWN} more (--json and --html have all)"))
-        screen.print(Text(f"  {first.advice}", style="italic"), soft_wrap=True)
-    screen.print(Text(("\n" if report.findings else "") + report.verdict()), soft_wrap=True)
-
-
-def show_codes() -> None:
-    """Print the table of all codes on stdout."""
-    from rich import box
-    from rich.table import Table
-
-    from corpus_tools.cli import console
-
-    shown = Table(box=box.SIMPLE_HEAD)
-    for title in ("code", "about", "severity", "what is wrong", "what to do"):
-        shown.add_column(title, overflow="fold")
-    for code in codes().values():
-        shown.add_row(code.code, code.area, code.severity.value, code.title, code.advice)
-    console.screen().print(shown)
 
 
 def code_records() -> list[dict[str, str]]:

@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from corpus_tools.cli import console
-from corpus_tools.cli.console import Status
+from corpus_tools.tasks import TaskProgress, count_steps
 from mocap_fit.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from corpus_tools.validation import Context, Report
 
 
-def run(
-    paths: Sequence[Path],
+def validate(
+    paths: Sequence[str | os.PathLike[str]],
     *,
-    thresholds: Path | None = None,
+    thresholds: str | os.PathLike[str] | None = None,
     layout: str | None = None,
     phone_set: str | None = None,
-    page: Path | None = None,
-    as_json: bool = False,
-) -> Status:
-    """Check recordings, labels, sound and corpora, and say what is wrong on stdout.
+    page: str | os.PathLike[str] | None = None,
+    progress: TaskProgress | None = None,
+) -> Report:
+    """Check recordings, labels, sound and corpora.
 
     Parameters
     ----------
@@ -32,69 +32,38 @@ def run(
         one utterance.
     thresholds
         A TOML file that changes what counts as wrong.
-    layout, phone_set
-        Names or files, in place of what a corpus or the names of markers say.
+    layout
+        Name or file of the marker layout, in place of what a corpus or the names of markers say.
+    phone_set
+        Name or file of the phone set, in place of what a corpus says.
     page
-        A new HTML file with the report and its pictures.
-    as_json
-        Print one JSON object.
+        A new HTML file with the report and its pictures; None for no page.
+    progress
+        Called with a task, the number of its steps done, and of all.
 
     Returns
     -------
-    Status
-        `BAD_DATA` if anything is an error; with warnings and notes alone it is `DONE`.
+    Report
+        What was checked and found.
 
     Raises
     ------
     ConfigurationError
         If thresholds, layout or phone set cannot be used, or the page cannot be written.
     """
-    if page is not None and not page.absolute().parent.is_dir():
+    from corpus_tools.validation import Context, Report, load_thresholds
+    from mocap_fit.corpus import DESCRIPTION_FILE
+    from mocap_fit.fitting import load_layout
+    from mocap_fit.phones import load_phone_set
+
+    if page is not None and not Path(page).absolute().parent.is_dir():
         raise ConfigurationError(
             "the page cannot be written",
             path=page,
             found="no such folder",
             advice="Make the folder, or choose another one.",
         )
-    report = validate(paths, thresholds=thresholds, layout=layout, phone_set=phone_set)
-    if page is not None:
-        from corpus_tools.validation.page import write_page
-
-        write_page(report, page)
-    if as_json:
-        console.print_json(report.as_record())
-    else:
-        from corpus_tools.validation.report import show
-
-        show(report)
-    return Status.DONE if report.clean else Status.BAD_DATA
-
-
-def codes(*, as_json: bool = False) -> Status:
-    """Print the table of all codes."""
-    from corpus_tools.validation.report import code_records, show_codes
-
-    if as_json:
-        console.print_json(code_records())
-    else:
-        show_codes()
-    return Status.DONE
-
-
-def validate(
-    paths: Sequence[Path],
-    *,
-    thresholds: Path | None = None,
-    layout: str | None = None,
-    phone_set: str | None = None,
-) -> Report:
-    """Check recordings, labels, sound and corpora; parameters and errors as for `run`."""
-    from corpus_tools.validation import Context, Report, load_thresholds
-    from mocap_fit.corpus import DESCRIPTION_FILE
-    from mocap_fit.fitting import load_layout
-    from mocap_fit.phones import load_phone_set
-
-    limits = load_thresholds(thresholds)
+    limits = load_thresholds(None if thresholds is None else Path(thresholds))
     context = Context(
         limits,
         None if layout is None else load_layout(layout),
@@ -102,18 +71,22 @@ def validate(
     )
     report = Report(limits)
     loose = []
-    for path in paths:
+    for path in map(Path, paths):
         if (path / DESCRIPTION_FILE).is_file():
-            _corpus(path, context, report)
+            _corpus(path, context, report, progress)
         else:
             loose.append(path)
     if loose:
-        _files(loose, context, report)
+        _files(loose, context, report, progress)
     report.finish()
+    if page is not None:
+        from corpus_tools.validation.page import write_page
+
+        write_page(report, Path(page))
     return report
 
 
-def _corpus(path: Path, context: Context, report: Report) -> None:
+def _corpus(path: Path, context: Context, report: Report, progress: TaskProgress | None) -> None:
     from corpus_tools.validation import corpora
 
     opened, found = corpora.open_for_checks(path, context)
@@ -123,12 +96,12 @@ def _corpus(path: Path, context: Context, report: Report) -> None:
         return
     corpus = opened.corpus
     summaries = []
-    with console.progress("checking utterances", max(1, len(corpus))) as advance:
-        for utterance in corpus:
-            found, summary = corpora.check_utterance(opened, utterance)
-            report.add(found)
-            summaries.append(summary)
-            advance()
+    advance = count_steps(progress, "checking utterances", len(corpus))
+    for utterance in corpus:
+        found, summary = corpora.check_utterance(opened, utterance)
+        report.add(found)
+        summaries.append(summary)
+        advance()
     report.add(list(corpora.check_between(summaries, context.limits, splits=True)))
     report.summaries += summaries
     rig = opened.context.rig
@@ -142,7 +115,9 @@ def _corpus(path: Path, context: Context, report: Report) -> None:
     )
 
 
-def _files(paths: Sequence[Path], context: Context, report: Report) -> None:
+def _files(
+    paths: Sequence[Path], context: Context, report: Report, progress: TaskProgress | None
+) -> None:
     from corpus_tools.validation import corpora, reading
     from corpus_tools.validation.findings import Finding, Place
     from corpus_tools.validation.subject import check_subject
@@ -167,14 +142,14 @@ def _files(paths: Sequence[Path], context: Context, report: Report) -> None:
     report.add([reading.unknown(path) for path in unknown])
     summaries = []
     if groups:
-        with console.progress("checking files", len(groups)) as advance:
-            for files in groups:
-                subjects, found = reading.read_files(files, context.phone_set)
+        advance = count_steps(progress, "checking files", len(groups))
+        for files in groups:
+            subjects, found = reading.read_files(files, context.phone_set)
+            report.add(found)
+            for subject in subjects:
+                found, summary = check_subject(subject, context)
                 report.add(found)
-                for subject in subjects:
-                    found, summary = check_subject(subject, context)
-                    report.add(found)
-                    summaries.append(summary)
-                advance()
+                summaries.append(summary)
+            advance()
     report.add(list(corpora.check_between(summaries, context.limits, splits=False)))
     report.summaries += summaries

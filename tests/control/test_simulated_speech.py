@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from corpus_tools.talking.speak_models import simulated_corpus
+from corpus_tools.talking.speak_models import simulate_corpus
 from mocap_fit import control
 from mocap_fit.control import ControlModel
 from mocap_fit.corpus import Corpus
@@ -30,7 +30,7 @@ def correlation(model: ControlModel, corpus: Corpus) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize("language", ["sv", "cs", "en"])
 def test_the_trained_models_beat_phone_means_on_sentences_they_never_met(language):
-    corpus = simulated_corpus(language, 90)
+    corpus = simulate_corpus(language, 90)
     training, test = corpus.get_split("train"), corpus.get_split("test")
     training, held = training.hold_out(0.15)
     models = {

@@ -9,7 +9,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from corpus_tools.demo.comparison import FittedRecording, accuracy
+from corpus_tools.demonstration.comparison import FittedRecording, measure_accuracy
 from corpus_tools.simulation import Conditions, Session, gesture
 from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.face import Rig
@@ -417,7 +417,7 @@ def test_the_error_is_below_the_bound_of_a_frame(layout: Layout, face: Rig, obje
     alone = fit_shape(binding, still, objective=objective)
     smooth = fit_over_time(binding, still, alone, objective=objective)
     before, after = (
-        accuracy(
+        measure_accuracy(
             [FittedRecording(made.recording, f, motion, made.parameters, made.pose)], binding, 0.3
         )
         for f in (alone, smooth)

@@ -14,9 +14,10 @@ import pytest
 import typer
 
 import mocap_fit
+from corpus_tools.batch.progress import Tracker
 from corpus_tools.cli import app as cli
-from corpus_tools.cli import console
-from corpus_tools.cli.frames_meter import frames_progress
+from corpus_tools.cli import console, display
+from corpus_tools.tasks import count_steps
 from mocap_fit.errors import DataError, FileFormatError, MocapFitWarning
 
 RECORDING = (
@@ -95,13 +96,13 @@ class TestCalls:
 
 class TestBoundary:
     def test_done(self):
-        assert console.guarded(lambda: None) == 0
+        assert console.run_guarded(lambda: None) == 0
 
     def test_bad_data_is_one_line(self, capsys):
         def action():
             raise FileFormatError("a number\nis broken", path="a.tsv", line=3, found="x\x1b[31my")
 
-        assert console.guarded(action) == 1
+        assert console.run_guarded(action) == 1
         (line,) = error_lines(capsys)
         assert line == "mocap-fit: error: a.tsv, line 3: a number is broken (found x\\x1b[31my)"
 
@@ -112,26 +113,26 @@ class TestBoundary:
         def command() -> None:
             raise typer.BadParameter("these two exclude each other")
 
-        assert console.guarded(lambda: app(args=[])) == 2
+        assert console.run_guarded(lambda: app(args=[])) == 2
         assert "exclude each other" in capsys.readouterr().err
 
     def test_a_failing_disk_is_not_our_bug(self, capsys):
         def action():
             raise OSError(28, "No space left on device", "out.parquet")
 
-        assert console.guarded(action) == 1
+        assert console.run_guarded(action) == 1
         assert error_lines(capsys) == ["mocap-fit: error: out.parquet: No space left on device"]
 
     def test_no_memory(self, capsys):
         def action():
             raise MemoryError
 
-        assert console.guarded(action) == 1
+        assert console.run_guarded(action) == 1
         assert "memory" in error_lines(capsys)[0]
 
     def test_our_bug_is_one_line_that_tells_how_to_see_more(self, capsys, monkeypatch):
         monkeypatch.delenv("MOCAP_FIT_DEBUG", raising=False)
-        assert console.guarded(lambda: {}["there\nis nothing"]) == 70
+        assert console.run_guarded(lambda: {}["there\nis nothing"]) == 70
         (line,) = error_lines(capsys)
         assert "bug in mocap-fit (KeyError" in line
         assert "MOCAP_FIT_DEBUG=1" in line
@@ -142,14 +143,14 @@ class TestBoundary:
             raise error
 
         monkeypatch.setenv("MOCAP_FIT_DEBUG", "1")
-        console.guarded(action)
+        console.run_guarded(action)
         lines = error_lines(capsys)
         assert lines[0].startswith("Traceback")
         assert lines[-1].startswith("mocap-fit: error: ")
 
     @pytest.mark.parametrize(("code", "status"), [(None, 0), (0, 0), (3, 3), ("words", 1)])
     def test_exits_keep_their_status(self, code, status):
-        assert console.guarded(lambda: sys.exit(code)) == status
+        assert console.run_guarded(lambda: sys.exit(code)) == status
 
     @pytest.mark.parametrize(
         ("error", "status", "lines"),
@@ -171,14 +172,14 @@ class TestBoundary:
         def command() -> None:
             raise error
 
-        assert console.guarded(lambda: app(args=["command"])) == status
+        assert console.run_guarded(lambda: app(args=["command"])) == status
         assert error_lines(capsys) == lines
 
     def test_ctrl_c_before_a_command_has_begun(self, capsys):
         def action():
             raise KeyboardInterrupt
 
-        assert console.guarded(action) == 130
+        assert console.run_guarded(action) == 130
         assert error_lines(capsys) == ["mocap-fit: stopped"]
 
     @pytest.mark.parametrize("made", [TypeError("cannot compare"), DataError("no number")])
@@ -192,7 +193,7 @@ class TestBoundary:
             except KeyboardInterrupt:
                 raise made from None
 
-        assert console.guarded(action) == 130
+        assert console.run_guarded(action) == 130
         assert error_lines(capsys) == ["mocap-fit: stopped"]
         assert signal.getsignal(signal.SIGINT) is before
 
@@ -208,20 +209,21 @@ class TestBoundary:
                 done.append(number)
 
         def items():
-            with console.progress("counting", 3) as advance:
-                swallow(lambda number: advance())
+            with display.show_progress() as progress:
+                swallow(lambda number: progress("counting", number, 3))
 
         def frames():
-            with frames_progress("counting", [1.0]) as meter:
-                swallow(lambda number: meter.told(0, number, 3))
+            with display.show_batch_progress("counting") as progress:
+                tracker = Tracker([1.0], progress)
+                swallow(lambda number: tracker.update(0, number, 3))
 
         for action in (items, frames):
-            assert console.guarded(action) == 130
+            assert console.run_guarded(action) == 130
             assert error_lines(capsys) == ["mocap-fit: stopped"]
         assert done == []
         # The next command knows nothing of it.
-        with console.progress("counting", 1) as advance:
-            advance()
+        with display.show_progress() as progress:
+            progress("counting", 1, 1)
 
     def test_warnings_are_a_line_each_and_once(self, capsys):
         def action():
@@ -229,7 +231,7 @@ class TestBoundary:
                 for file in ("a.tsv", "b.tsv"):
                     warnings.warn(f"{file}: one row\nis cut off", MocapFitWarning, stacklevel=1)
 
-        assert console.guarded(action) == 0
+        assert console.run_guarded(action) == 0
         assert error_lines(capsys) == [
             "mocap-fit: warning: a.tsv: one row is cut off",
             "mocap-fit: warning: b.tsv: one row is cut off",
@@ -240,7 +242,7 @@ class TestBoundary:
             for category in (FutureWarning, DeprecationWarning, UserWarning):
                 warnings.warn("strange", category, stacklevel=1)
 
-        assert console.guarded(action) == 0
+        assert console.run_guarded(action) == 0
         assert error_lines(capsys) == ["mocap-fit: warning: UserWarning: strange"]
 
     def test_a_stream_that_cannot_show_a_name(self, monkeypatch):
@@ -254,7 +256,8 @@ class TestBoundary:
 class TestProgress:
     @pytest.mark.parametrize(("total", "lines"), [(0, 0), (1, 1), (3, 3), (10, 10), (287, 10)])
     def test_few_lines_where_there_is_no_terminal(self, total, lines, capsys):
-        with console.progress("fitting recordings", total) as advance:
+        with display.show_progress() as progress:
+            advance = count_steps(progress, "fitting recordings", total)
             for _ in range(total):
                 advance()
         shown = capsys.readouterr()
@@ -272,11 +275,11 @@ class TestProgress:
         screen = Terminal()
         monkeypatch.setattr(sys, "stderr", screen)
         monkeypatch.setenv("TERM", "xterm")
-        with console.progress("fitting recordings", 2) as advance:
-            advance()
-            advance()
+        with display.show_progress() as progress:
+            progress("fitting recordings", 1, 2)
+            progress("fitting recordings", 2, 2)
         assert "fitting recordings" in screen.getvalue()
-        assert "2/2" in screen.getvalue()
+        assert "2 of 2" in screen.getvalue()
         assert capsys.readouterr().out == ""
 
 
@@ -287,7 +290,7 @@ class TestTables:
     def test_no_cell_is_cut_or_broken_however_narrow_the_screen(self, columns, capsys, monkeypatch):
         monkeypatch.setenv("COLUMNS", str(columns))
         header = ("model", "error in % of the range", "correlation but silence", "lips closed")
-        console.screen().print(console.table(header, [self.CELLS]))
+        display.create_screen().print(display.create_table(header, [self.CELLS]))
         *above, last = capsys.readouterr().out.splitlines()
         assert [cell.strip() for cell in last.split("  ") if cell.strip()] == list(self.CELLS)
         words = " ".join(above).split()
@@ -297,7 +300,7 @@ class TestTables:
 
 class TestJson:
     def test_what_is_not_json_becomes_json(self, tmp_path, capsys):
-        console.print_json(
+        display.print_json(
             {
                 "array": np.array([1.0, np.nan, np.inf]),
                 "number": np.float64(2.5),

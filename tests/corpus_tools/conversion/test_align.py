@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from corpus_tools.cli import app as cli
-from corpus_tools.conversion.align import run, transcripts
+from corpus_tools.conversion.align import align, read_transcripts
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
 from mocap_fit.labels import find_label_faults, read_labels, read_phones
 
@@ -22,7 +22,7 @@ def test_one_text_for_one_sound(tmp_path):
     (wav,) = sounds(tmp_path, "a")
     text = tmp_path / "said.txt"
     text.write_text("Hello\nworld.\n")
-    assert transcripts([wav], text) == {wav: "Hello\nworld.\n"}
+    assert read_transcripts([wav], text) == {wav: "Hello\nworld.\n"}
 
 
 @pytest.mark.parametrize("heading", ["", "utterance\ttext\n"])
@@ -30,24 +30,24 @@ def test_a_table_for_many(tmp_path, heading):
     a, b = sounds(tmp_path, "a", "b")
     text = tmp_path / "said.tsv"
     text.write_text(f"{heading}b.wav\tworld\na\thello\nc\tmore\n")
-    assert transcripts([a, b], text) == {a: "hello", b: "world"}
+    assert read_transcripts([a, b], text) == {a: "hello", b: "world"}
 
 
 def test_the_heading_may_name_the_column_of_the_text(tmp_path):
     (wav,) = sounds(tmp_path, "a")
     text = tmp_path / "said.tsv"
     text.write_text("utterance\tsplit\ttext\na\ttrain\thello\n")
-    assert transcripts([wav], text) == {wav: "hello"}
+    assert read_transcripts([wav], text) == {wav: "hello"}
 
 
 def test_texts_beside_the_sounds_or_in_a_folder(tmp_path):
     a, b = sounds(tmp_path, "a", "b")
     (tmp_path / "a.txt").write_text("hello")
     with pytest.raises(ConfigurationError, match=r"1 sounds have no text.*found b"):
-        transcripts([a, b], None)
+        read_transcripts([a, b], None)
     (tmp_path / "b.lab").write_text("world")
-    assert transcripts([a, b], None) == transcripts([a, b], tmp_path)
-    assert transcripts([a, b], None) == {a: "hello", b: "world"}
+    assert read_transcripts([a, b], None) == read_transcripts([a, b], tmp_path)
+    assert read_transcripts([a, b], None) == {a: "hello", b: "world"}
 
 
 def test_texts_that_cannot_be_used_are_refused(tmp_path):
@@ -55,14 +55,14 @@ def test_texts_that_cannot_be_used_are_refused(tmp_path):
     text = tmp_path / "said.tsv"
     text.write_text("a\thello\nb world\n")
     with pytest.raises(FileFormatError, match=r"line 2.*no tab"):
-        transcripts([a, b], text)
+        read_transcripts([a, b], text)
     text.write_text("a\thello\na\tworld\n")
     with pytest.raises(FileFormatError, match=r"line 2.*'a' comes twice"):
-        transcripts([a, b], text)
+        read_transcripts([a, b], text)
     with pytest.raises(FileFormatError, match="no such file"):
-        transcripts([a, b], tmp_path / "none")
+        read_transcripts([a, b], tmp_path / "none")
     with pytest.raises(ConfigurationError, match="two sounds have one name"):
-        transcripts([a, tmp_path / "x" / "a.wav"], None)
+        read_transcripts([a, tmp_path / "x" / "a.wav"], None)
 
 
 @pytest.mark.real_data
@@ -75,16 +75,17 @@ def test_sounds_become_textgrids_and_a_bad_one_is_left_out(data_folder, tmp_path
     text = tmp_path / "said.tsv"
     text.write_text("mary\tMary rolled the barrel.\nbad\tHello\nbobby\tBobby ripped the ledger.\n")
     out = tmp_path / "out"
-    result = run(wavs, text, out)
-    assert [one["utterance"] for one in result["aligned"]] == ["mary", "bobby"]
-    assert [one["utterance"] for one in result["failed"]] == ["bad"]
+    result = align(wavs, text, out=out)
+    assert [one["utterance"] for one in result.aligned] == ["mary", "bobby"]
+    assert list(result.errors) == ["bad"]
+    assert repr(result) == f"AlignReport(2 of 3 sounds aligned, out={out})"
     assert sorted(path.name for path in out.iterdir()) == ["bobby.TextGrid", "mary.TextGrid"]
     assert not find_label_faults(read_labels(out / "mary.TextGrid"))
     phones = read_phones(out / "mary.TextGrid", phone_set="en-arpabet")
-    assert len(phones) == result["aligned"][0]["phones"]
+    assert len(phones) == result.aligned[0]["phones"]
     text.write_text("mary\tqqq\nbad\tHello zzzz\nbobby\txxxx\n")
     with pytest.raises(DataError, match="3 words are not in the dictionary: qqq, zzzz, xxxx"):
-        run(wavs, text, tmp_path / "none")
+        align(wavs, text, out=tmp_path / "none")
     assert not (tmp_path / "none").exists()
 
 

@@ -16,7 +16,8 @@ import pandas as pd
 import pytest
 
 from corpus_tools.cli import app as cli
-from corpus_tools.conversion.manifest import entries, load_manifest
+from corpus_tools.conversion.entries import list_entries
+from corpus_tools.conversion.manifest import load_manifest
 from mocap_fit.corpus import open_corpus
 from mocap_fit.io import read_tracks, write_qualisys_tsv
 from mocap_fit.labels import read_labels, write_labels
@@ -334,7 +335,7 @@ class TestAgain:
         (tmp_path / "audio").mkdir()
         (tmp_path / "audio" / "mine.wav").write_bytes(b"precious")
         assert convert(lab, tmp_path) == 1
-        assert "no corpus of a former conversion" in capsys.readouterr().err
+        assert "no corpus of an earlier conversion" in capsys.readouterr().err
         assert list(sums(tmp_path)) == ["audio/mine.wav"]
 
 
@@ -376,7 +377,7 @@ class TestSplits:
         (folder / "sentences.tsv").write_text("\n".join(["utterance", *self.names(count)]))
         manifest = folder / "manifest.toml"
         manifest.write_text(f'phone_set = "sv-sta"\n[splits]\nseed = {seed}\n')
-        return [entry.split for entry in entries(load_manifest(manifest), folder, former)]
+        return [entry.split for entry in list_entries(load_manifest(manifest), folder, former)]
 
     def test_a_corpus_keeps_those_that_it_has(self, own):
         lab, corpus = own

@@ -18,7 +18,7 @@ import pytest
 import mocap_fit
 from corpus_tools.batch.cluster import over_cluster
 from corpus_tools.cli import app as cli
-from corpus_tools.cli import console, frames_meter
+from corpus_tools.cli import console
 from mocap_fit.errors import ConfigurationError, MissingExtraError
 from mocap_fit.fitting import fit_speaker
 from mocap_fit.tracks import read_parquet
@@ -404,31 +404,3 @@ class TestCluster:
             assert {i: value for i, (value, _) in results.items()} == {
                 i: 10 + i * i for i in range(20)
             }
-
-
-class TestMeter:
-    def test_time_left_is_judged_by_the_sizes(self, monkeypatch):
-        now = [100.0]
-        monkeypatch.setattr(frames_meter.time, "monotonic", lambda: now[0])
-        shown = []
-        meter = frames_meter.Meter([1000, 3000, 4000], lambda *state: shown.append(state))
-        now[0] = 110.0
-        meter.done(0, 500)
-        assert shown[-1] == (0.125, 1, "1 of 3, 500 frames, 50 frames/s, 1:10 left")
-        meter.told(1, 750, 1500)
-        assert shown[-1] == (0.3125, 1, "1 of 3, 1250 frames, 125 frames/s, 0:22 left")
-        # What is kept is done, but says nothing about how fast the rest will be.
-        meter.done(2, 0)
-        assert shown[-1] == (0.8125, 2, "2 of 3, 1250 frames, 125 frames/s, 0:06 left")
-        now[0] = 120.0
-        meter.done(1, 1500)
-        assert shown[-1] == (1.0, 3, "3 of 3, 2000 frames, 100 frames/s")
-
-    def test_lines_where_there_is_no_terminal(self, capsys):
-        with frames_meter.frames_progress("fitting", [1] * 40) as meter:
-            for index in range(40):
-                meter.told(index, 1, 3)
-                meter.done(index, 3)
-        lines = capsys.readouterr().err.splitlines()
-        assert 10 <= len(lines) <= 11
-        assert lines[-1].startswith("mocap-fit: fitting: 40 of 40, 120 frames, ")

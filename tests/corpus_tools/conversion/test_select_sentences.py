@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from corpus_tools.cli import app as cli
-from corpus_tools.cli.console import Status
-from corpus_tools.conversion import select_sentences
+from corpus_tools.cli import corpus_printing
+from corpus_tools.conversion.select_sentences import select_sentences
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, MissingFileError
 from mocap_fit.phones.triphones import count_triphones, cover_triphones
 
@@ -78,7 +78,7 @@ def given_phones(tmp_path):
 
 def test_sentences_with_phones_given(tmp_path, given_phones, capsys):
     out = tmp_path / "out"
-    assert select_sentences.run(given_phones, count=5, out=out) == Status.DONE
+    report = select_sentences(given_phones, count=5, out=out)
     assert (out / "sentences.txt").read_text(encoding="utf-8") == "nej då\nja ja\n"
     rows = list(csv.DictReader((out / "coverage.csv").open(encoding="utf-8")))
     assert [row["line"] for row in rows] == ["4", "2"]
@@ -87,12 +87,14 @@ def test_sentences_with_phones_given(tmp_path, given_phones, capsys):
     assert float(rows[-1]["share_of_occurrences"]) == 1
     assert (out / "coverage.png").read_bytes().startswith(b"\x89PNG")
     assert not list(out.glob(".*"))
+    assert capsys.readouterr() == ("", "")
+    corpus_printing.print_selection(report, as_json=False)
     assert "9 of 9 triphones" in " ".join(capsys.readouterr().out.split())
 
 
 def test_the_same_text_gives_the_same_bytes(tmp_path, given_phones):
     for name in ("a", "b"):
-        select_sentences.run(given_phones, out=tmp_path / name)
+        select_sentences(given_phones, out=tmp_path / name)
     for file in (tmp_path / "a").iterdir():
         assert file.read_bytes() == (tmp_path / "b" / file.name).read_bytes()
 
@@ -114,7 +116,8 @@ def test_phones_from_a_dictionary_and_missing_words_are_listed(tmp_path, diction
         "“The cat!”\nDon't, the dog.\nThe well-known cat.\nDog 7 dog\n", encoding="utf-8"
     )
     out = tmp_path / "out"
-    select_sentences.run(text, dictionary=dictionary, phone_set="en-arpabet", out=out, as_json=True)
+    result = select_sentences(text, dictionary=dictionary, phone_set="en-arpabet", out=out)
+    corpus_printing.print_selection(result, as_json=True)
     told = capsys.readouterr()
     report = json.loads(told.out)
     assert (report["sentences"], report["left_out"]) == (4, 2)
@@ -130,14 +133,14 @@ def test_stress_makes_more_triphones(tmp_path):
     kinds = {}
     for stress in (False, True):
         out = tmp_path / str(stress)
-        select_sentences.run(text, phone_set="en-arpabet", stress=stress, out=out)
+        select_sentences(text, phone_set="en-arpabet", stress=stress, out=out)
         rows = list(csv.DictReader((out / "coverage.csv").open(encoding="utf-8")))
         kinds[stress] = int(rows[-1]["covered_triphones"])
     assert kinds == {False: 4, True: 5}
 
 
 def test_lengths_of_sentences(tmp_path, given_phones):
-    select_sentences.run(given_phones, out=tmp_path / "out", words=(1, 1))
+    select_sentences(given_phones, out=tmp_path / "out", words=(1, 1))
     assert (tmp_path / "out" / "sentences.txt").read_text(encoding="utf-8") == "ja\n"
 
 
@@ -146,7 +149,7 @@ def test_bad_input_is_refused_in_words(tmp_path, given_phones, dictionary):
 
     def refused(error, message, text=given_phones, **options):
         with pytest.raises(error, match=message):
-            select_sentences.run(text, out=out, **options)
+            select_sentences(text, out=out, **options)
         assert not out.exists()
 
     no_phones = tmp_path / "no_phones.txt"

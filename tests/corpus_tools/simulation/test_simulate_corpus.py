@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from corpus_tools.cli import app as cli
-from corpus_tools.conversion.manifest import entries, load_manifest
+from corpus_tools.conversion.entries import list_entries
+from corpus_tools.conversion.manifest import load_manifest
 from corpus_tools.simulation import languages
 from corpus_tools.simulation.dynamics import lip_distances
 from corpus_tools.simulation.writing import is_test
@@ -64,7 +65,7 @@ def test_the_manifest_is_one(corpus):
     manifest = load_manifest(corpus / "manifest.toml")
     assert manifest.sync.kind == "pulses"
     assert manifest.sync.channel == 2
-    found = entries(manifest, corpus)
+    found = list_entries(manifest, corpus)
     assert [entry.id for entry in found] == names(corpus) == ["sim001", "sim002"]
     for entry in found:
         assert entry.text.endswith((".", "?"))
@@ -81,7 +82,7 @@ def test_labels_are_phones_of_the_set_with_their_stress(corpus):
     manifest = load_manifest(corpus / "manifest.toml")
     phone_set = load_phone_set(manifest.phone_set)
     symbols = set(phone_set.list_symbols())
-    for entry in entries(manifest, corpus):
+    for entry in list_entries(manifest, corpus):
         file = corpus / "labels" / f"{entry.id}.TextGrid"
         labels = read_labels(file)
         assert {label.text for label in labels.get_tier("phones").entries} <= symbols

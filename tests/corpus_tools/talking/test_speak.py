@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 
 from corpus_tools.cli import app as cli
-from corpus_tools.talking import speak, speak_models, stream
+from corpus_tools.cli import speak_printing
+from corpus_tools.talking import speak_models
+from corpus_tools.talking.prepare_voices import prepare_voices
+from corpus_tools.talking.speak import DEFAULT_MODEL, choose_default
+from corpus_tools.talking.stream import stream
 from mocap_fit.control.rule_based import RuleBased
-from mocap_fit.errors import FileFormatError
+from mocap_fit.errors import FileFormatError, MocapFitWarning
 from mocap_fit.labels import to_labels, write_labels
 from mocap_fit.phones import PhoneSegment, PhoneSequence
 from mocap_fit.sound import Sound, write_sound
@@ -254,8 +258,8 @@ class TestLabelsAndTracks:
 
 class TestModels:
     def test_a_simulated_corpus_is_what_it_says(self):
-        corpus = speak_models.simulated_corpus("sv", 6)
-        again = speak_models.simulated_corpus("sv", 3)
+        corpus = speak_models.simulate_corpus("sv", 6)
+        again = speak_models.simulate_corpus("sv", 3)
         assert corpus.splits == ("test", "train")
         assert corpus.language == "sv"
         np.testing.assert_array_equal(
@@ -266,37 +270,43 @@ class TestModels:
         assert phones[len(phones) - 1].end == pytest.approx(first.duration, abs=1 / 60)
 
     def test_a_trained_model_is_kept_and_says_what_it_was_trained_on(self, cache, capsys):
-        first = speak_models.prepared("phone-mean", "sv", utterances=6)
-        kept = speak_models.cached_file("phone-mean", "sv", 6)
+        seen = []
+
+        def note(task, done, total):
+            seen.append(task)
+
+        first = speak_models.prepare_model("phone-mean", "sv", utterances=6, progress=note)
+        kept = speak_models.locate_model("phone-mean", "sv", 6)
         assert kept.is_file()
         assert kept.is_relative_to(cache)
-        assert "training phone-mean" in capsys.readouterr().err
-        second = speak_models.prepared("phone-mean", "sv", utterances=6)
-        assert "training" not in capsys.readouterr().err
-        assert "simulated-sv" in speak_models.described(second)
+        assert any("training phone-mean" in task for task in seen)
+        seen.clear()
+        second = speak_models.prepare_model("phone-mean", "sv", utterances=6, progress=note)
+        assert not seen
+        assert "simulated-sv" in speak_models.describe_model(second)
         assert second.trained_on_ == first.trained_on_
-        phones = speak_models.simulated_corpus("sv", 1)["sim001"].read_phones()
+        phones = speak_models.simulate_corpus("sv", 1)["sim001"].read_phones()
         np.testing.assert_array_equal(first.predict(phones).values, second.predict(phones).values)
 
     @pytest.mark.slow
     def test_a_damaged_one_is_made_again(self, cache, capsys):
-        speak_models.prepared("mean", "sv", utterances=4)
-        kept = speak_models.cached_file("mean", "sv", 4)
+        speak_models.prepare_model("mean", "sv", utterances=4)
+        kept = speak_models.locate_model("mean", "sv", 4)
         kept.write_bytes(b"damaged")
-        assert speak_models.prepared("mean", "sv", utterances=4).is_fitted
-        assert "made again" in capsys.readouterr().err
+        with pytest.warns(MocapFitWarning, match="made again"):
+            assert speak_models.prepare_model("mean", "sv", utterances=4).is_fitted
         assert len(kept.read_bytes()) > 100
 
     def test_one_command_prepares_them(self, cache, capsys):
-        assert speak.prepare(["sv"], ["mean"], utterances=6, check=True, as_json=True) == 0
-        report = json.loads(capsys.readouterr().out)
-        assert report["folder"] == str(cache / "models")
+        prepared = prepare_voices(["sv"], ["mean"], utterances=6, check=True)
+        report = prepared.to_dict()
+        assert report["folder"] == cache / "models"
         assert [row["model"] for row in report["models"]] == ["mean", "rule-based"]
         assert report["models"][0]["trained_on"]["corpus"] == "simulated-sv"
         for row in report["models"]:
             assert 0 < row["rmse_percent"] < 60
             assert 0 <= row["bilabials_closed"] <= 1
-        assert speak.prepare(["sv"], ["mean"], utterances=6) == 0
+        speak_printing.print_voices(prepared)
         assert "trained on" in capsys.readouterr().out
 
     def test_an_unknown_language_or_model_cannot_be_prepared(self, cache, capsys):
@@ -307,7 +317,7 @@ class TestModels:
 
     def test_the_name_of_a_kept_model_depends_on_kind_language_and_size(self):
         names = {
-            speak_models.cached_file(*which)
+            speak_models.locate_model(*which)
             for which in (
                 ("mean", "sv", 4),
                 ("mean", "cs", 4),
@@ -318,15 +328,13 @@ class TestModels:
         assert len(names) == 4
 
     def test_the_default_speaks_every_language(self):
-        assert speak._default(speak.Source(language="sv")) == speak.DEFAULT_MODEL
-        assert speak._default(speak.Source(language="de")) == "rule-based"
+        assert choose_default("sv") == DEFAULT_MODEL
+        assert choose_default("de") == "rule-based"
 
 
 class TestStream:
     def frames(self, text: str, **options) -> list[dict[str, float]]:
-        out = io.StringIO()
-        stream.run("rule-based", language="en", lines=io.StringIO(text), out=out, **options)
-        return [json.loads(line) for line in out.getvalue().splitlines()]
+        return list(stream("rule-based", io.StringIO(text), language="en", **options))
 
     PLAIN = "0 0.1 sil\n0.1 0.2 B\n0.2 0.5 AA 1\n"
 

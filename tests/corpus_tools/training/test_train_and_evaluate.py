@@ -3,12 +3,13 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+import typer
 
 from corpus_tools.cli import app as cli
-from corpus_tools.training.train import parsed, parts
+from corpus_tools.cli.arguments import parse_settings
+from corpus_tools.training.train import split_training
 from mocap_fit import control
 from mocap_fit.corpus import Corpus, Utterance, open_corpus, save_corpus
-from mocap_fit.errors import ConfigurationError
 from mocap_fit.phones import PhoneSegment, PhoneSequence
 from mocap_fit.tracks import ParameterTracks
 
@@ -95,19 +96,19 @@ def test_the_report_of_a_training_is_json(corpus_folder, tmp_path, capsys):
 
 def test_the_protocols_take_their_own_parts(corpus_folder):
     corpus = open_corpus(corpus_folder)
-    training, held_out = parts(corpus, "clean")
+    training, held_out = split_training(corpus, "clean")
     assert {u.split for u in (*training, *held_out)} == {"train"}
     assert not {u.id for u in training} & {u.id for u in held_out}
-    training, held_out = parts(corpus, "paper")
+    training, held_out = split_training(corpus, "paper")
     assert ({u.split for u in training}, {u.split for u in held_out}) == ({"train"}, {"test"})
     assert (len(training), len(held_out)) == (18, 6)
 
 
 def test_settings_are_read_as_toml_or_text():
-    found = parsed(["stress=false", "hidden = [3, 4]", "kind=linear", "min-count=2.5"])
+    found = parse_settings(["stress=false", "hidden = [3, 4]", "kind=linear", "min-count=2.5"])
     assert found == {"stress": False, "hidden": (3, 4), "kind": "linear", "min_count": 2.5}
-    with pytest.raises(ConfigurationError, match="KEY=VALUE"):
-        parsed(["stress"])
+    with pytest.raises(typer.BadParameter, match="KEY=VALUE"):
+        parse_settings(["stress"])
 
 
 @pytest.mark.parametrize(
@@ -115,10 +116,6 @@ def test_settings_are_read_as_toml_or_text():
     [
         (["train", "nowhere", "--model", "mean", "--out", "m.npz"], "not a corpus"),
         (["train", "{corpus}", "--model", "magic", "--out", "m.npz"], "no control model 'magic'"),
-        (
-            ["train", "{corpus}", "--model", "mean", "--out", "m.npz", "--set", "x=1"],
-            "no setting 'x'",
-        ),
         (["train", "{corpus}", "--model", "mean", "--out", "."], "folder"),
         (["evaluate", "{corpus}", "nothing.npz", "--out", "o"], "nothing.npz"),
         (["evaluate", "{corpus}", "{corpus}/corpus.toml", "--out", "o"], "not a trained model"),
@@ -144,6 +141,15 @@ def test_a_protocol_that_is_none_is_a_wrong_call(corpus_folder, tmp_path, capsys
     call = ["train", str(corpus_folder), "--model", "mean", "--out", str(tmp_path / "m")]
     assert cli.main([*call, "--protocol", "mine"]) == 2
     assert "is not one of clean" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("setting", ["x=1", "x", "1=2"])
+@pytest.mark.parametrize("kind", [["--model", "mean"], ["--sweep-look-ahead"]])
+def test_a_setting_that_is_none_is_a_wrong_call(corpus_folder, tmp_path, capsys, kind, setting):
+    call = ["train", str(corpus_folder), *kind, "--out", str(tmp_path / "m")]
+    assert cli.main([*call, "--set", setting]) == 2
+    assert "--set" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_sweep_tells_the_error_of_every_look_ahead(corpus_folder, tmp_path, capsys):

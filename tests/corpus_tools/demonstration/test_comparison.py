@@ -4,8 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from corpus_tools.demo.comparison import FittedRecording, accuracy, parameter_bounds, pose_errors
-from corpus_tools.demo.figures import varied_frames
+from corpus_tools.demonstration.comparison import (
+    FittedRecording,
+    compute_bounds,
+    compute_pose_errors,
+    measure_accuracy,
+)
+from corpus_tools.demonstration.figures import choose_frames
 from mocap_fit.drawing import save_figure
 from mocap_fit.errors import DataError
 from mocap_fit.fitting import fit_speaker
@@ -44,7 +49,7 @@ def test_a_recording_and_its_truth_have_the_same_frames(fitted):
 def test_the_bound_with_the_true_pose_is_that_of_the_jacobian(fitted, speaker):
     """σ² (JᵀJ)⁻¹, with J by differences and not by the code that the fit uses."""
     binding = speaker.binding
-    bounds = parameter_bounds(fitted, binding, 0.3, pose_given=True)
+    bounds = compute_bounds(fitted, binding, 0.3, pose_known=True)
     frame = int(np.flatnonzero(fitted.motion.known)[3])
     step = 1e-5
     here = fitted.truth.values[frame]
@@ -63,16 +68,16 @@ def test_the_bound_with_the_true_pose_is_that_of_the_jacobian(fitted, speaker):
 
 def test_the_bound_grows_with_noise_and_with_what_is_not_known(fitted, speaker):
     known = fitted.motion.known
-    bounds = parameter_bounds(fitted, speaker.binding, 0.3)[known]
+    bounds = compute_bounds(fitted, speaker.binding, 0.3)[known]
     assert np.isfinite(bounds).all()
-    twice = parameter_bounds(fitted, speaker.binding, 0.6)[known]
+    twice = compute_bounds(fitted, speaker.binding, 0.6)[known]
     np.testing.assert_allclose(twice, 2 * bounds)
-    given = parameter_bounds(fitted, speaker.binding, 0.3, pose_given=True)[known]
+    given = compute_bounds(fitted, speaker.binding, 0.3, pose_known=True)[known]
     assert (bounds > given).all()
     positions = fitted.recording.positions.copy()
     positions[:, fitted.recording.names.index("lip_corner_left")] = np.nan
     hidden = replaced(fitted, recording=fitted.recording.replace(positions=positions, origin=None))
-    worse = parameter_bounds(hidden, speaker.binding, 0.3, pose_given=True)[known]
+    worse = compute_bounds(hidden, speaker.binding, 0.3, pose_known=True)[known]
     assert (worse > given - 1e-12).all()
     column = fitted.truth.names.index("left_corner_stretch")
     assert np.median(worse[:, column] / given[:, column]) > 1.2
@@ -81,7 +86,7 @@ def test_the_bound_grows_with_noise_and_with_what_is_not_known(fitted, speaker):
 def test_a_perfect_fit_has_no_error(fitted, speaker):
     tracks = fitted.fit.parameters.replace(values=fitted.truth.values)
     perfect = type(fitted.fit)(**{**vars(fitted.fit), "parameters": tracks})
-    result = accuracy([replaced(fitted, fit=perfect)], speaker.binding, 0.3)
+    result = measure_accuracy([replaced(fitted, fit=perfect)], speaker.binding, 0.3)
     np.testing.assert_allclose(result.errors, 0, atol=1e-15)
     np.testing.assert_allclose(result.correlations, 1)
 
@@ -91,7 +96,7 @@ def test_errors_of_the_head_are_millimetres_and_radians(fitted):
     right = fitted.true_pose.replace(
         rotations=motion.rotations[:, None], translations=motion.translations[:, None]
     )
-    shifts, turns = pose_errors(motion, right)
+    shifts, turns = compute_pose_errors(motion, right)
     known = motion.known
     np.testing.assert_allclose(shifts[known], 0, atol=1e-9)
     np.testing.assert_allclose(turns[known], 0, atol=1e-7)
@@ -105,7 +110,7 @@ def test_errors_of_the_head_are_millimetres_and_radians(fitted):
     wrong = fitted.true_pose.replace(
         rotations=rotations[:, None], translations=translations[:, None]
     )
-    shifts, turns = pose_errors(motion, wrong)
+    shifts, turns = compute_pose_errors(motion, wrong)
     np.testing.assert_allclose(shifts[known], 5)
     np.testing.assert_allclose(np.degrees(turns[known]), 1)
 
@@ -120,13 +125,13 @@ def test_markers_in_head_coordinates_are_where_the_face_is(fitted, speaker):
         np.testing.assert_allclose(apart, residuals, atol=1e-9)
 
 
-def test_varied_frames_are_apart_and_in_order(fitted):
-    chosen = varied_frames(fitted, 3, least_distance=0.1)
+def test_choose_frames_are_apart_and_in_order(fitted):
+    chosen = choose_frames(fitted, 3, least_distance=0.1)
     assert len(chosen) == 3
     assert (np.diff(fitted.truth.times[chosen]) > 0.1).all()
     assert fitted.fit.fitted[chosen].all()
     # No more than fit into half a second.
-    assert 1 <= len(varied_frames(fitted, 100, least_distance=0.2)) <= 3
+    assert 1 <= len(choose_frames(fitted, 100, least_distance=0.2)) <= 3
 
 
 def test_a_figure_that_fails_leaves_nothing(tmp_path):

@@ -1,4 +1,4 @@
-"""One HTML page that holds all that it shows: text, tables, pictures, a movie."""
+"""An HTML page in one file: text, tables, pictures, movies."""
 
 from __future__ import annotations
 
@@ -24,15 +24,20 @@ code { background: #f3f3f3; padding: 0 0.25em; }
 """
 
 
-def page(title: str, parts: Iterable[str]) -> str:
-    """The whole page, as text.
+def format_page(title: str, parts: Iterable[str]) -> str:
+    """Return a page.
 
     Parameters
     ----------
     title
-        In the window's head and above all.
+        Title of the window and of the page.
     parts
-        From the functions below.
+        Headings, paragraphs, tables and pictures from the functions of this module.
+
+    Returns
+    -------
+    str
+        HTML.
     """
     escaped = html.escape(title)
     body = "\n".join(parts)
@@ -43,36 +48,85 @@ def page(title: str, parts: Iterable[str]) -> str:
     )
 
 
-def heading(text: str) -> str:
-    """The head of a section."""
+def format_heading(text: str) -> str:
+    """Return the heading of a section.
+
+    Parameters
+    ----------
+    text
+        The heading.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     return f"<h2>{html.escape(text)}</h2>"
 
 
-def paragraph(text: str) -> str:
-    """A paragraph; what is between ` marks is set as code."""
+def format_paragraph(text: str) -> str:
+    """Return a paragraph.
+
+    Parameters
+    ----------
+    text
+        The text; what is between ` marks is set as code.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     pieces = html.escape(text).split("`")
     marked = "".join(f"<code>{p}</code>" if i % 2 else p for i, p in enumerate(pieces))
     return f"<p>{marked}</p>"
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A table; a column whose cells look like numbers is set to the right."""
+def format_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a table; columns of numbers are aligned to the right.
+
+    Parameters
+    ----------
+    header
+        Names of the columns.
+    rows
+        The cells of each row.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     cells = [[str(cell) for cell in row] for row in rows]
     text = [any(not _is_number(row[i]) for row in cells) for i in range(len(header))]
 
-    def line(tag: str, values: Sequence[str]) -> str:
-        made = (
+    def format_row(tag: str, values: Sequence[str]) -> str:
+        formatted = (
             f"<{tag}{' class=text' if text[i] else ''}>{html.escape(value)}</{tag}>"
             for i, value in enumerate(values)
         )
-        return f"<tr>{''.join(made)}</tr>"
+        return f"<tr>{''.join(formatted)}</tr>"
 
-    body = "\n".join(line("td", row) for row in cells)
-    return f"<table>\n<thead>{line('th', header)}</thead>\n<tbody>\n{body}\n</tbody>\n</table>"
+    body = "\n".join(format_row("td", row) for row in cells)
+    head = format_row("th", header)
+    return f"<table>\n<thead>{head}</thead>\n<tbody>\n{body}\n</tbody>\n</table>"
 
 
-def picture(path: Path, caption: str = "") -> str:
-    """A picture or a movie, put into the page itself."""
+def embed_picture(path: Path, caption: str = "") -> str:
+    """Return a picture or a movie with its content.
+
+    Parameters
+    ----------
+    path
+        The file.
+    caption
+        Text below it.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     kind = _TYPES[path.suffix.lower()]
     source = f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode()}"
     label = html.escape(caption or path.stem, quote=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from corpus_tools.demo.comparison import Accuracy, FittedRecording, pose_errors
+from corpus_tools.demonstration.comparison import Accuracy, FittedRecording, compute_pose_errors
 from mocap_fit.drawing import BLUE, GREEN, GREY, INK, ORANGE, PALE, RED, create_figure, write_title
 from mocap_fit.fitting import Binding
 from mocap_fit.tracks import FloatArray
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def track_figure(recording: FittedRecording, speaker: str = "") -> Figure:
-    """Every parameter over time: truth, fit, and two standard deviations round the fit.
+def draw_tracks(recording: FittedRecording, speaker: str = "") -> Figure:
+    """Draw every parameter over time: truth, fit, and two standard deviations around the fit.
 
     Parameters
     ----------
@@ -28,6 +28,11 @@ def track_figure(recording: FittedRecording, speaker: str = "") -> Figure:
         The recording.
     speaker
         Whose it is, for the title.
+
+    Returns
+    -------
+    Figure
+        The figure.
     """
     fit, truth = recording.fit.parameters, recording.truth
     times, count = truth.times, len(truth.names)
@@ -78,14 +83,25 @@ def track_figure(recording: FittedRecording, speaker: str = "") -> Figure:
     write_title(figure, f"Face parameters of the recording {truth.name}{of_whom}: truth and fit")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     if not recording.motion.known.all():
-        handles.append(_patch(RED, 0.25))
+        handles.append(_create_patch(RED, 0.25))
         labels.append("head pose not known")
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
     return figure
 
 
-def residual_figure(recording: FittedRecording) -> Figure:
-    """How far the markers are from the fitted face, over time and by marker."""
+def draw_residuals(recording: FittedRecording) -> Figure:
+    """Draw how far the markers are from the fitted face, over time and by marker.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+
+    Returns
+    -------
+    Figure
+        The figure.
+    """
     residuals = recording.fit.marker_residuals
     times = recording.truth.times
     markers = residuals.shape[1]
@@ -105,7 +121,7 @@ def residual_figure(recording: FittedRecording) -> Figure:
 
     largest = float(np.nanpercentile(residuals, 99.5))
     half = 0.5 / recording.truth.rate
-    colours = _colour_map()
+    colours = _create_colour_map()
     image = heat.imshow(
         residuals.T,
         aspect="auto",
@@ -135,8 +151,21 @@ def residual_figure(recording: FittedRecording) -> Figure:
     return figure
 
 
-def accuracy_figure(by_objective: dict[str, Accuracy], noise: float) -> Figure:
-    """Error of each parameter beside its Cramér-Rao bound, for fits with several objectives."""
+def draw_accuracy(by_objective: dict[str, Accuracy], noise: float) -> Figure:
+    """Draw the error of each parameter and its Cramér-Rao bound, for several objectives.
+
+    Parameters
+    ----------
+    by_objective
+        Errors by the name of the objective.
+    noise
+        Standard deviation of a coordinate of a marker, millimetres.
+
+    Returns
+    -------
+    Figure
+        The figure.
+    """
     first = next(iter(by_objective.values()))
     rows = np.arange(len(first.names))
     figure, axes = create_figure((8.0, 4.6), 1, 1)
@@ -169,8 +198,19 @@ def accuracy_figure(by_objective: dict[str, Accuracy], noise: float) -> Figure:
     return figure
 
 
-def head_figure(recording: FittedRecording) -> Figure:
-    """The head's motion that was found, the true one, and the difference."""
+def draw_head(recording: FittedRecording) -> Figure:
+    """Draw the head's estimated motion, the true one, and the difference.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+
+    Returns
+    -------
+    Figure
+        The figure.
+    """
     motion, truth, times = recording.motion, recording.true_pose, recording.truth.times
     figure, axes = create_figure(
         (10.5, 5.4), 2, 2, height_ratios=[2.4, 1], sharex=True, gridspec_kw={"wspace": 0.12}
@@ -188,13 +228,13 @@ def head_figure(recording: FittedRecording) -> Figure:
         ("x, to the side", "y, back and forth", "z, up and down"),
         ("about x (nod)", "about y (tilt)", "about z (turn)"),
     )
-    errors = pose_errors(motion, truth)
+    errors = compute_pose_errors(motion, truth)
     units = ("mm", "degrees")
-    for column, (found, true) in enumerate((shifts, turns)):
+    for column, (estimate, true) in enumerate((shifts, turns)):
         axis, below = axes[:, column]
         for i, colour in enumerate((BLUE, RED, GREEN)):
             axis.plot(times, true[:, i], color=colour, lw=5, alpha=0.25, solid_capstyle="butt")
-            axis.plot(times, found[:, i], color=colour, lw=1.2, label=names[column][i])
+            axis.plot(times, estimate[:, i], color=colour, lw=1.2, label=names[column][i])
         axis.axhline(0, color=GREY, lw=0.8)
         axis.grid(axis="y")
         axis.set_ylabel(f"{('shift', 'turn')[column]} ({units[column]})")
@@ -211,14 +251,28 @@ def head_figure(recording: FittedRecording) -> Figure:
         _shade(below, times, ~motion.known)
     write_title(
         figure,
-        f"Head motion of the recording {recording.truth.name} (thin: found, broad: truth), at the "
-        "centre of the reference markers",
+        f"Head motion of the recording {recording.truth.name} (thin: estimate, broad: truth), at "
+        "the centre of the reference markers",
     )
     return figure
 
 
-def face_figure(recording: FittedRecording, binding: Binding, frames: Sequence[int]) -> Figure:
-    """The head in some fitted frames, with the measured markers and the fitted ones on it.
+def draw_faces(recording: FittedRecording, binding: Binding, frames: Sequence[int]) -> Figure:
+    """Draw the head in some fitted frames, with the measured markers and the fitted ones on it.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    binding
+        The virtual markers that were fitted.
+    frames
+        Indices of the frames.
+
+    Returns
+    -------
+    Figure
+        The figure.
 
     Raises
     ------
@@ -229,7 +283,7 @@ def face_figure(recording: FittedRecording, binding: Binding, frames: Sequence[i
 
     from mocap_fit.render import FaceScene
 
-    places = binding.orientation.apply(recording.in_head_coordinates)
+    positions = binding.orientation.apply(recording.in_head_coordinates)
     columns = recording.recording.indices(binding.names)
     mesh = binding.rig.mesh
     corners = binding.vertex_ids[binding.corners[:, 0]]
@@ -251,7 +305,7 @@ def face_figure(recording: FittedRecording, binding: Binding, frames: Sequence[i
                 towards = scene.camera_position - virtual
                 towards /= np.linalg.norm(towards, axis=1, keepdims=True)
                 seen = np.sum(towards * mesh.compute_normals(vertices)[corners], axis=1) > 0.12
-                measured = np.where(seen[:, None], places[frame, columns], np.nan)
+                measured = np.where(seen[:, None], positions[frame, columns], np.nan)
                 virtual = np.where(seen[:, None], virtual, np.nan)
                 axis: Axes = axes[row, column]
                 axis.imshow(scene.draw(vertices))
@@ -281,19 +335,24 @@ def face_figure(recording: FittedRecording, binding: Binding, frames: Sequence[i
     return figure
 
 
-def varied_frames(
+def choose_frames(
     recording: FittedRecording, count: int, *, least_distance: float = 0.2
 ) -> list[int]:
-    """Fitted frames whose faces differ much from each other, in order of time.
+    """Choose fitted frames whose faces differ much from each other.
 
     Parameters
     ----------
     recording
         The recording.
     count
-        How many; fewer where the recording is too short.
+        Largest number of frames.
     least_distance
         Time between any two of them, seconds.
+
+    Returns
+    -------
+    list[int]
+        Indices of frames, in ascending order.
     """
     values, times = recording.fit.parameters.values, recording.truth.times
     usable = np.isfinite(values).all(axis=1)
@@ -310,19 +369,19 @@ def varied_frames(
 
 
 def _shade(axis: Axes, times: FloatArray, where: NDArray[np.bool_]) -> None:
-    """Mark frames over the whole height of a panel."""
+    """Mark frames over the complete height of a panel."""
     half = 0.5 * (times[1] - times[0])
     for time in times[where]:
         axis.axvspan(time - half, time + half, color=RED, alpha=0.25, lw=0)
 
 
-def _patch(colour: str, alpha: float) -> Any:
+def _create_patch(colour: str, alpha: float) -> Any:
     from matplotlib.patches import Patch
 
     return Patch(color=colour, alpha=alpha, lw=0)
 
 
-def _colour_map() -> Any:
+def _create_colour_map() -> Any:
     import matplotlib
 
     return matplotlib.colormaps["viridis"].with_extremes(bad=PALE)

@@ -1,4 +1,4 @@
-"""The first part of the demo: recordings fitted as any recording is, and beside their truth."""
+"""The first part of the demo: fit simulated recordings, and compare them with their truth."""
 
 from __future__ import annotations
 
@@ -7,10 +7,14 @@ from math import degrees
 from pathlib import Path
 from typing import Any
 
-from corpus_tools import simulation as simulate
-from corpus_tools.cli import console
-from corpus_tools.demo import figures
-from corpus_tools.demo.comparison import Accuracy, FittedRecording, accuracy
+from corpus_tools.demonstration import figures
+from corpus_tools.demonstration.comparison import (
+    Accuracy,
+    FittedRecording,
+    measure_accuracy,
+)
+from corpus_tools.simulation import OTHER_SPEAKER, Conditions, simulate
+from corpus_tools.tasks import TaskProgress, count_steps
 from mocap_fit.drawing import save_figure
 from mocap_fit.fitting.objective import Objective
 from mocap_fit.fitting.speaker import Speaker, fit_speaker
@@ -18,11 +22,11 @@ from mocap_fit.io import read_tracks
 from mocap_fit.tracks import ParameterTracks, PoseTracks, read_parquet, write_parquet
 
 LAYOUT = "face30-head5"
-CONDITIONS = simulate.Conditions(noise=0.3, drop_outs=0.05, rate=60.0, duration=4.0)
-# Folder of a session → how many recordings it has, and whose head.
+CONDITIONS = Conditions(noise=0.3, drop_outs=0.05, rate=60.0, duration=4.0)
+# Folder of a session → its number of recordings, and the proportions of its head.
 SESSIONS: dict[str, tuple[int, dict[str, float] | None]] = {
     "same_head": (3, None),
-    "other_head": (1, simulate.OTHER_SPEAKER),
+    "other_head": (1, OTHER_SPEAKER),
 }
 # The first is the one of `mocap-fit fit`, and the one whose parameters are written and drawn.
 _OBJECTIVES: tuple[Objective, ...] = ("distances", "squares")
@@ -31,16 +35,16 @@ _FACES = 6
 
 @dataclass(frozen=True, eq=False)
 class FitPart:
-    """What the first part found.
+    """Result of the first part.
 
     Parameters
     ----------
     errors
-        By session and objective.
+        Errors by session and objective.
     pictures
         Files of the figures, in order.
     report
-        For programs.
+        All figures, for JSON.
     """
 
     errors: dict[str, dict[Objective, Accuracy]]
@@ -48,7 +52,14 @@ class FitPart:
     report: dict[str, Any]
 
 
-def fit_part(out: Path, seed: int, conditions: simulate.Conditions, *, can_draw: bool) -> FitPart:
+def run_fits(
+    out: Path,
+    seed: int,
+    conditions: Conditions,
+    *,
+    can_draw: bool,
+    progress: TaskProgress | None = None,
+) -> FitPart:
     """Simulate, fit, compare with the truth, and draw.
 
     Parameters
@@ -56,21 +67,28 @@ def fit_part(out: Path, seed: int, conditions: simulate.Conditions, *, can_draw:
     out
         An empty folder with a folder ``figures``.
     seed
-        The same seed gives the same numbers.
+        Seed of all random numbers.
     conditions
-        What the simulated sessions are like.
+        Properties of the simulated sessions.
     can_draw
         Whether faces can be drawn here.
+    progress
+        Called with a task, the number of its steps done, and of all.
+
+    Returns
+    -------
+    FitPart
+        Errors and figures.
     """
-    _simulate(out, seed, conditions)
+    _simulate(out, seed, conditions, progress)
     speakers = {
         session: fit_speaker("built-in", LAYOUT, out / session / "reference.tsv")
         for session in SESSIONS
     }
-    fits = _fit(out, speakers)
+    fits = _fit(out, speakers, progress)
     errors = {
         session: {
-            objective: accuracy(
+            objective: measure_accuracy(
                 recordings,
                 speakers[session].binding,
                 conditions.noise,
@@ -91,51 +109,57 @@ def fit_part(out: Path, seed: int, conditions: simulate.Conditions, *, can_draw:
         },
     }
     pictures = _draw(
-        out / "figures", fits, speakers, errors["same_head"], conditions.noise, can_draw=can_draw
+        out / "figures",
+        fits,
+        speakers,
+        errors["same_head"],
+        conditions.noise,
+        can_draw=can_draw,
+        progress=progress,
     )
     return FitPart(errors, pictures, report)
 
 
-def _simulate(out: Path, seed: int, conditions: simulate.Conditions) -> None:
+def _simulate(out: Path, seed: int, conditions: Conditions, progress: TaskProgress | None) -> None:
     total = sum(count for count, _ in SESSIONS.values())
-    with console.progress("simulating recordings", total) as advance:
-        for i, (session, (count, head)) in enumerate(SESSIONS.items()):
-            simulate.run(
-                out / session,
-                utterances=count,
-                seed=seed + i,
-                layout=LAYOUT,
-                conditions=conditions,
-                head=head,
-                progress=lambda _: advance(),
-            )
+    advance = count_steps(progress, "simulating recordings", total)
+    for i, (session, (count, head)) in enumerate(SESSIONS.items()):
+        simulate(
+            out / session,
+            utterances=count,
+            seed=seed + i,
+            layout=LAYOUT,
+            conditions=conditions,
+            head=head,
+            progress=advance,
+        )
 
 
 Fits = dict[str, dict[Objective, list[FittedRecording]]]
 
 
-def _fit(out: Path, speakers: dict[str, Speaker]) -> Fits:
+def _fit(out: Path, speakers: dict[str, Speaker], progress: TaskProgress | None) -> Fits:
     """Fit every recording with every objective; the first objective's parameters are written."""
     files = {session: sorted((out / session / "recordings").iterdir()) for session in speakers}
     fits: Fits = {session: {objective: [] for objective in _OBJECTIVES} for session in speakers}
     total = sum(map(len, files.values())) * len(_OBJECTIVES)
-    with console.progress("fitting recordings", total) as advance:
-        for session, speaker in speakers.items():
-            folder = out / session
-            (folder / "fit").mkdir(exist_ok=True)
-            for file in files[session]:
-                truth = read_parquet(folder / "truth" / "tracks" / f"{file.stem}.parquet")
-                pose = read_parquet(folder / "truth" / "head" / f"{file.stem}.parquet")
-                recording = read_tracks(file)
-                assert isinstance(truth, ParameterTracks)
-                assert isinstance(pose, PoseTracks)
-                for objective in _OBJECTIVES:
-                    fit = speaker.fit(recording, objective=objective)
-                    fitted = FittedRecording(recording, fit.shape, fit.head_motion, truth, pose)
-                    fits[session][objective].append(fitted)
-                    if objective == _OBJECTIVES[0]:
-                        write_parquet(fit.parameters, folder / "fit" / f"{file.stem}.parquet")
-                    advance()
+    advance = count_steps(progress, "fitting recordings", total)
+    for session, speaker in speakers.items():
+        folder = out / session
+        (folder / "fit").mkdir(exist_ok=True)
+        for file in files[session]:
+            truth = read_parquet(folder / "truth" / "tracks" / f"{file.stem}.parquet")
+            pose = read_parquet(folder / "truth" / "head" / f"{file.stem}.parquet")
+            recording = read_tracks(file)
+            assert isinstance(truth, ParameterTracks)
+            assert isinstance(pose, PoseTracks)
+            for objective in _OBJECTIVES:
+                fit = speaker.fit(recording, objective=objective)
+                fitted = FittedRecording(recording, fit.shape, fit.head_motion, truth, pose)
+                fits[session][objective].append(fitted)
+                if objective == _OBJECTIVES[0]:
+                    write_parquet(fit.parameters, folder / "fit" / f"{file.stem}.parquet")
+                advance()
     return fits
 
 
@@ -147,56 +171,36 @@ def _draw(
     noise: float,
     *,
     can_draw: bool,
+    progress: TaskProgress | None,
 ) -> list[Path]:
-    """Draw all figures; returns their files."""
+    """Draw all figures, and return their files."""
     shown = fits["same_head"][_OBJECTIVES[0]][0]
     other = fits["other_head"][_OBJECTIVES[0]][0]
     labels = {"squares": "least squares", "distances": "sum of distances"}
     results = {labels[objective]: result for objective, result in errors.items()}
     pictures: dict[str, tuple[Any, ...]] = {
-        "tracks.png": (figures.track_figure, shown, "the built-in head"),
+        "tracks.png": (figures.draw_tracks, shown, "the built-in head"),
         "tracks_other_head.png": (
-            figures.track_figure,
+            figures.draw_tracks,
             other,
             "a head of other size and proportions",
         ),
-        "residuals.png": (figures.residual_figure, shown),
-        "accuracy.png": (figures.accuracy_figure, results, noise),
-        "head_motion.png": (figures.head_figure, shown),
+        "residuals.png": (figures.draw_residuals, shown),
+        "accuracy.png": (figures.draw_accuracy, results, noise),
+        "head_motion.png": (figures.draw_head, shown),
     }
     if can_draw:
         pictures["faces.png"] = (
-            figures.face_figure,
+            figures.draw_faces,
             shown,
             speakers["same_head"].binding,
-            figures.varied_frames(shown, _FACES),
+            figures.choose_frames(shown, _FACES),
         )
-    with console.progress("drawing figures", len(pictures)) as advance:
-        for name, call in pictures.items():
-            save_figure(folder / name, *call)
-            advance()
+    advance = count_steps(progress, "drawing figures", len(pictures))
+    for name, call in pictures.items():
+        save_figure(folder / name, *call)
+        advance()
     return [folder / name for name in pictures]
-
-
-def show(part: FitPart, conditions: simulate.Conditions) -> None:
-    """Print the table of errors beside their bounds."""
-    screen = console.screen()
-    own, other = part.errors["same_head"], part.errors["other_head"]
-    squares, distances = own["squares"], own["distances"]
-    screen.print(
-        f"Simulated: {distances.frames} frames of the built-in head and {other['squares'].frames} "
-        f"of another head; 30 face and 5 head markers, noise {conditions.noise:g} mm, "
-        f"{conditions.drop_outs:.0%} drop-outs, the head moving."
-    )
-    header, rows = parameter_table(squares, distances, other["distances"])
-    screen.print("", console.table(header, rows), "", sep="\n")
-    screen.print(EXPLAINED)
-    header, rows = head_table(distances, other["distances"])
-    screen.print("", console.table(header, rows), "", sep="\n")
-    screen.print(
-        f"{distances.fitted} of {distances.frames} and {other['distances'].fitted} of "
-        f"{other['distances'].frames} frames fitted; the rest show too few head markers.\n"
-    )
 
 
 EXPLAINED = (
@@ -206,10 +210,25 @@ EXPLAINED = (
 )
 
 
-def parameter_table(
+def to_parameter_table(
     squares: Accuracy, distances: Accuracy, other: Accuracy
 ) -> tuple[list[str], list[list[str]]]:
-    """Errors and bounds of every parameter: header and rows."""
+    """Return errors and bounds of every parameter.
+
+    Parameters
+    ----------
+    squares
+        Errors of the fit by squares.
+    distances
+        Errors of the fit by distances.
+    other
+        Errors of the fit by distances for the other head.
+
+    Returns
+    -------
+    tuple
+        Header and rows.
+    """
     header = ["parameter", "bound", "squares", "ratio", "distances", "ratio", "r", "other r"]
     rows = []
     for i, name in enumerate(squares.names):
@@ -229,20 +248,33 @@ def parameter_table(
     return header, rows
 
 
-def head_table(own: Accuracy, other: Accuracy) -> tuple[list[str], list[list[str]]]:
-    """Errors of the head's pose: header and rows."""
+def to_head_table(same: Accuracy, other: Accuracy) -> tuple[list[str], list[list[str]]]:
+    """Return errors of the head's pose.
+
+    Parameters
+    ----------
+    same
+        Errors for the built-in head.
+    other
+        Errors for the other head.
+
+    Returns
+    -------
+    tuple
+        Header and rows.
+    """
     header = ["pose of the head", "bound", "error", "other head"]
     return header, [
         [
             "centre of its markers (mm)",
-            f"{own.head_shift_bound:.3f}",
-            f"{own.head_shift:.3f}",
+            f"{same.head_shift_bound:.3f}",
+            f"{same.head_shift:.3f}",
             f"{other.head_shift:.3f}",
         ],
         [
             "turn (degrees)",
-            f"{degrees(own.head_turn_bound):.3f}",
-            f"{degrees(own.head_turn):.3f}",
+            f"{degrees(same.head_turn_bound):.3f}",
+            f"{degrees(same.head_turn):.3f}",
             f"{degrees(other.head_turn):.3f}",
         ],
     ]

@@ -1,4 +1,4 @@
-"""A fit beside the truth of a simulation: errors, and how small they could have been."""
+"""Compare a fit with the truth of a simulation: errors, and their lower bounds."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from mocap_fit.tracks.rigid import apply_inverse_transforms
 
 @dataclass(frozen=True, eq=False)
 class FittedRecording:
-    """One simulated recording: what was seen, what was fitted, what is true.
+    """A simulated recording, its fit and its truth.
 
     Parameters
     ----------
     recording
         The markers as they were recorded.
     fit
-        The face parameters that were found, and how.
+        The fitted face parameters.
     motion
-        The head's motion that was found.
+        The estimated motion of the head.
     truth
         The face parameters that made the recording.
     true_pose
@@ -52,7 +52,7 @@ class FittedRecording:
 
     @property
     def in_head_coordinates(self) -> FloatArray:
-        """The recorded markers without the head's motion that was found, `(frames, markers, 3)`."""
+        """The markers without the estimated head motion, ``(frames, markers, 3)``, millimetres."""
         motion = self.motion
         return apply_inverse_transforms(
             self.recording.positions, motion.rotations, motion.translations
@@ -60,7 +60,7 @@ class FittedRecording:
 
     @property
     def hidden(self) -> NDArray[np.bool_]:
-        """Which samples of the face markers are missing, `(frames, face markers)`."""
+        """Which samples of the face markers are missing, ``(frames, face markers)``."""
         visible = self.recording.visible[:, self.recording.indices(self.fit.marker_names)]
         return np.asarray(~visible)
 
@@ -69,25 +69,25 @@ class FittedRecording:
 class Accuracy:
     """Errors of a fit over all frames of some recordings.
 
-    Parameters are told in their own unit: 0 is rest, 1 the full gesture.
+    The unit of the parameters: 0 is rest, 1 the full gesture.
 
     Parameters
     ----------
     names
         Parameter names.
     errors
-        `(parameters,)`: root mean square error.
+        Root mean square errors, ``(parameters,)``, full gestures.
     bounds
-        `(parameters,)`: what it could not be below; NaN where it was not asked for.
+        Lower bounds of the errors, ``(parameters,)``, full gestures; NaN where not computed.
     correlations
-        `(parameters,)`: of fit and truth.
+        Correlations of fit and truth, ``(parameters,)``, -1 to 1.
     head_shift, head_turn
         Root mean square error of the head's pose: millimetres at the centroid of the reference
         markers, and radians.
     head_shift_bound, head_turn_bound
-        What the noise of the reference markers lets these be, at best.
+        Lower bounds of these from the noise of the reference markers, millimetres and radians.
     frames, fitted
-        How many frames there were, and how many could be fitted.
+        Number of frames, and of those that were fitted.
     """
 
     names: tuple[str, ...]
@@ -102,7 +102,13 @@ class Accuracy:
     fitted: int
 
     def to_dict(self) -> dict[str, Any]:
-        """All the numbers, with their units in their names."""
+        """Return all numbers, with their units in their names.
+
+        Returns
+        -------
+        dict[str, Any]
+            As JSON can hold it.
+        """
         return {
             "frames": self.frames,
             "fitted_frames": self.fitted,
@@ -124,15 +130,15 @@ class Accuracy:
         }
 
 
-def accuracy(
+def measure_accuracy(
     recordings: Sequence[FittedRecording],
     binding: Binding,
     noise: float,
     *,
     bounded: bool = True,
-    pose_given: bool = False,
+    pose_known: bool = False,
 ) -> Accuracy:
-    """Errors over all frames of recordings of one speaker.
+    """Measure the errors over all frames of recordings of one speaker.
 
     Parameters
     ----------
@@ -141,28 +147,35 @@ def accuracy(
     binding
         The virtual markers that were fitted.
     noise
-        The true standard deviation of a coordinate of a marker, millimetres of the speaker.
+        Standard deviation of a coordinate of a marker, the speaker's millimetres.
     bounded
-        Give the Cramér-Rao bound too. It holds where the face that is fitted is the face that
-        made the data.
-    pose_given
-        The true pose of the head was given to the fit, and not found from its markers.
+        Whether the Cramér-Rao bound is computed too. It holds where the face that is fitted is the
+        face that made the data.
+    pose_known
+        Whether the fit used the true pose of the head, and did not estimate it from its markers.
+
+    Returns
+    -------
+    Accuracy
+        The errors.
     """
     names = binding.parameter_names
     errors = np.concatenate([r.fit.parameters.values - r.truth.values for r in recordings])
-    found = np.concatenate([r.fit.parameters.values for r in recordings])
+    fitted = np.concatenate([r.fit.parameters.values for r in recordings])
     true = np.concatenate([r.truth.values for r in recordings])
     bounds = np.full((len(errors), len(names)), np.nan)
     if bounded:
         bounds = np.concatenate(
-            [parameter_bounds(r, binding, noise, pose_given=pose_given) for r in recordings]
+            [compute_bounds(r, binding, noise, pose_known=pose_known) for r in recordings]
         )
     # A parameter that no visible marker determines has no bound, and its error says nothing.
     uncertain = np.concatenate([r.fit.parameters.uncertain for r in recordings])
     used = np.isfinite(errors) & ~uncertain
     shifts, turns = (
         np.concatenate(parts)
-        for parts in zip(*(pose_errors(r.motion, r.true_pose) for r in recordings), strict=True)
+        for parts in zip(
+            *(compute_pose_errors(r.motion, r.true_pose) for r in recordings), strict=True
+        )
     )
     spread = noise**2 * np.concatenate(
         [np.diagonal(r.motion.covariance, axis1=1, axis2=2) for r in recordings]
@@ -172,7 +185,7 @@ def accuracy(
         np.array([_rms(errors[used[:, i], i]) for i in range(len(names))]),
         np.array([_rms(bounds[used[:, i], i]) for i in range(len(names))]),
         np.array(
-            [_correlation(found[used[:, i], i], true[used[:, i], i]) for i in range(len(names))]
+            [_correlate(fitted[used[:, i], i], true[used[:, i], i]) for i in range(len(names))]
         ),
         _rms(shifts),
         _rms(turns),
@@ -183,30 +196,41 @@ def accuracy(
     )
 
 
-def parameter_bounds(
-    recording: FittedRecording, binding: Binding, noise: float, *, pose_given: bool = False
+def compute_bounds(
+    recording: FittedRecording, binding: Binding, noise: float, *, pose_known: bool = False
 ) -> FloatArray:
-    """Cramér-Rao bound on the parameters of every frame, as a standard deviation.
+    """Compute the Cramér-Rao bound on the parameters of every frame, as a standard deviation.
 
     From the Jacobian of the visible markers at the true parameters, propagated through the
     head's pose as the visible reference markers determine it (`mocap_fit.fitting.precision`),
-    unless the pose was given.
+    unless the pose was known.
+
+    Parameters
+    ----------
+    recording
+        The fit and its truth.
+    binding
+        The virtual markers that were fitted.
+    noise
+        Standard deviation of a coordinate of a marker, the speaker's millimetres.
+    pose_known
+        Whether the fit used the true pose of the head.
 
     Returns
     -------
-    FloatArray
-        `(frames, parameters)`; NaN where the pose is not known, infinite where the visible
-        markers do not determine a parameter.
+    ndarray
+        Bounds, ``(frames, parameters)``, full gestures; NaN where the pose is not known, infinite
+        where the visible markers do not determine a parameter.
     """
     bounds = np.full(recording.truth.values.shape, np.nan)
     seen = ~recording.hidden
     names = recording.recording.names
-    there = [name in names for name in binding.head_names]
-    head_seen = np.zeros((recording.recording.frames, len(there)), dtype=bool)
-    head_seen[:, there] = recording.recording.visible[
+    present = [name in names for name in binding.head_names]
+    head_seen = np.zeros((recording.recording.frames, len(present)), dtype=bool)
+    head_seen[:, present] = recording.recording.visible[
         :, recording.recording.indices([n for n in binding.head_names if n in names])
     ]
-    if pose_given:
+    if pose_known:
         head_seen[:] = False
     sigma = noise * binding.orientation.scale
     for frame in np.flatnonzero(recording.motion.known):
@@ -221,20 +245,27 @@ def parameter_bounds(
     return bounds
 
 
-def pose_errors(motion: HeadMotion, truth: PoseTracks) -> tuple[FloatArray, FloatArray]:
-    """Error of the head's pose in every frame; NaN where it is not known.
+def compute_pose_errors(motion: HeadMotion, truth: PoseTracks) -> tuple[FloatArray, FloatArray]:
+    """Compute the error of the head's pose in every frame; NaN where it is not known.
+
+    Parameters
+    ----------
+    motion
+        The estimated motion.
+    truth
+        The true one.
 
     Returns
     -------
     shifts
-        `(frames,)`: how far the centroid of the reference markers is off, millimetres.
+        Distances between the centroids of the reference markers, ``(frames,)``, millimetres.
     turns
-        `(frames,)`: angle between the found rotation and the true one, radians.
+        Angles between the estimated rotation and the true one, ``(frames,)``, radians.
     """
     true_rotations, true_translations = truth.rotations[:, 0], truth.translations[:, 0]
-    found = motion.rotations @ motion.centre + motion.translations
+    estimated = motion.rotations @ motion.centre + motion.translations
     true = true_rotations @ motion.centre + true_translations
-    shifts = np.linalg.norm(found - true, axis=1)
+    shifts = np.linalg.norm(estimated - true, axis=1)
     turns = np.full(len(shifts), np.nan)
     known = motion.known
     between = np.einsum("fji,fjk->fik", true_rotations[known], motion.rotations[known])
@@ -247,7 +278,7 @@ def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(present**2))) if len(present) else float("nan")
 
 
-def _correlation(one: FloatArray, other: FloatArray) -> float:
+def _correlate(one: FloatArray, other: FloatArray) -> float:
     if len(one) < 2 or not (one.std() > 0 and other.std() > 0):
         return float("nan")
     return float(np.corrcoef(one, other)[0, 1])

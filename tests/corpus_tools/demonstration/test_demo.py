@@ -11,8 +11,8 @@ import warnings
 import numpy as np
 import pytest
 
-from corpus_tools import demo
 from corpus_tools.cli import app as cli
+from corpus_tools.demonstration import demo
 from mocap_fit import control
 from mocap_fit.corpus import open_corpus
 from mocap_fit.errors import MissingExtraError, MocapFitWarning
@@ -68,7 +68,7 @@ def made(tmp_path_factory):
     with warnings.catch_warnings():
         # A frame without head pose is nothing unusual here.
         warnings.simplefilter("ignore", MocapFitWarning)
-        demo.run(folder, **SMALL)
+        demo.demo(folder, **SMALL)
     return folder
 
 
@@ -215,7 +215,7 @@ class TestWhole:
         }
 
     def test_another_seed_gives_other_numbers(self, made, report, tmp_path):
-        demo.run(tmp_path, seed=5, **SMALL)
+        demo.demo(tmp_path, seed=5, **SMALL)
         other = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
         assert other["seed"] == 5
         assert other["sessions"] != report["sessions"]
@@ -229,6 +229,6 @@ class TestWhole:
         monkeypatch.delenv("VTK_DEFAULT_OPENGL_WINDOW", raising=False)
         monkeypatch.setattr(ctypes, "CDLL", no_library)
         with pytest.warns(MocapFitWarning, match="apt-get install libegl1"):
-            demo.run(tmp_path, **SMALL)
+            demo.demo(tmp_path, **SMALL)
         assert {path.name for path in (tmp_path / "figures").iterdir()} == FIGURES
         assert {path.name for path in tmp_path.iterdir()} == TOP

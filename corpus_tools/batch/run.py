@@ -1,0 +1,216 @@
+"""Run a job over many items: skip what an earlier run has done, and keep each error to its item."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from corpus_tools.batch.cluster import Done, over_cluster
+from corpus_tools.batch.item import Context, Item, ItemResult, Job, attempt
+from corpus_tools.batch.progress import BatchProgress, Tracker
+from mocap_fit._version import __version__
+from mocap_fit.atomic_file import make_folder, write_atomically
+from mocap_fit.processes import DeadProcess, run_locally
+from mocap_fit.tracks.parquet_file import read_description
+
+
+@dataclass(frozen=True, eq=False)
+class _Batch:
+    """What the processes share."""
+
+    job: Job[Any]
+    out: Path
+    fresh: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Parcel:
+    """An item that is sent to a cluster, with the content of its sources."""
+
+    item: Item
+    fingerprint: str
+    contents: Mapping[str, bytes]
+
+
+def run_batch(
+    job: Job[Any],
+    items: Sequence[Item],
+    out: Path,
+    *,
+    jobs: int = 1,
+    cluster: str | None = None,
+    fresh: bool = False,
+    progress: Callable[[BatchProgress], object] | None = None,
+) -> tuple[ItemResult, ...]:
+    """Process items, and write what comes of each as soon as it is there.
+
+    An item that an earlier run has processed in the same way from the same files is skipped: the
+    last step of its results holds a fingerprint of both. An item that cannot be processed does not
+    keep the others from it.
+
+    Parameters
+    ----------
+    job
+        What is done with every item.
+    items
+        The items.
+    out
+        Folder of the results; created where it does not exist.
+    jobs
+        Number of processes; 0 for one per core.
+    cluster
+        Address of a dask scheduler whose workers do the work in place of this machine.
+    fresh
+        Whether items are processed again that an earlier run has processed.
+    progress
+        Called with the state of the batch after every change.
+
+    Returns
+    -------
+    tuple[ItemResult, ...]
+        One result per item, in their order.
+
+    Raises
+    ------
+    ConfigurationError
+        If a folder cannot be made, or the cluster does not answer.
+    MissingExtraError
+        If a cluster is wanted and dask.distributed is not installed.
+    """
+    for folder in sorted({out, *((out / t).parent for item in items for t in item.targets)}):
+        make_folder(folder)
+    batch = _Batch(job, out, fresh)
+    tracker = Tracker([_measure(item) for item in items], progress)
+    _remove_partial(items, out)
+    try:
+        if cluster is not None:
+            stream = over_cluster(_process_sent, job, _pack(batch, items), cluster, __version__)
+        else:
+            stream = run_locally(_process_here, batch, items, jobs, tracker.update)
+        with contextlib.closing(stream):
+            for index, result in stream:
+                tracker.finish(index, _receive(items[index], result, out))
+    finally:
+        # A process that is ended while it writes leaves an unfinished file behind.
+        _remove_partial(items, out)
+    return tracker.results
+
+
+def _measure(item: Item) -> int:
+    """Return the size of an item's first source; a missing one is reported later."""
+    with contextlib.suppress(OSError):
+        return max(1, (item.folder / item.sources[0]).stat().st_size)
+    return 1
+
+
+def _remove_partial(items: Sequence[Item], out: Path) -> None:
+    """Remove the unfinished files that killed processes have left of the targets."""
+    by_folder: dict[Path, set[str]] = {}
+    for item in items:
+        for target in item.targets:
+            path = out / target
+            by_folder.setdefault(path.parent, set()).add(f".{path.name}")
+    for folder, names in by_folder.items():
+        for path in folder.glob(".*.partial"):
+            if path.name.removesuffix(".partial").rpartition(".")[0] in names:
+                path.unlink(missing_ok=True)
+
+
+def _process_here(batch: _Batch, item: Item, progress: Callable[[int, int], object]) -> ItemResult:
+    """Process an item whose files this process can read and write."""
+    context = Context(item, item.folder, batch.out, progress)
+    cached = None
+
+    def work() -> Mapping[str, Any]:
+        nonlocal cached
+        with context.time("reading"):
+            sums = {}
+            for path in item.sources:
+                with open(item.folder / path, "rb") as stream:
+                    sums[path] = hashlib.file_digest(stream, "sha256").hexdigest()
+            context.fingerprint = batch.job.fingerprint(item, sums)
+            cached = _read_cached(batch, item, context.fingerprint)
+        return batch.job.process(item, context) if cached is None else cached
+
+    result = attempt(context, work)
+    return replace(result, cached=cached is not None)
+
+
+def _read_cached(batch: _Batch, item: Item, fingerprint: str) -> Mapping[str, Any] | None:
+    """Return the figures of an item that an earlier run has processed; None where none has."""
+    figures: Mapping[str, Any] = {}
+    for target in item.targets:
+        if batch.fresh or not target.endswith(".parquet"):
+            continue
+        steps = (read_description(batch.out / target) or {}).get("provenance")
+        step = steps[-1] if isinstance(steps, list) and steps else {}
+        figures = step.get("arguments", {})
+        if step.get("step") != batch.job.step or figures.get("inputs") != fingerprint:
+            return None
+    if batch.fresh or not batch.job.is_complete(item, batch.out, figures):
+        return None
+    return figures
+
+
+def _pack(batch: _Batch, items: Sequence[Item]) -> Iterator[_Parcel | Done]:
+    """Pack the items for a cluster, but for those that are done or cannot be read."""
+    for item in items:
+        context = Context(item, item.folder, batch.out, lambda done, of: None)
+        parcel: _Parcel | None = None
+
+        def work(item: Item = item) -> Mapping[str, Any]:
+            nonlocal parcel
+            contents = {path: (item.folder / path).read_bytes() for path in item.sources}
+            sums = {path: hashlib.sha256(data).hexdigest() for path, data in contents.items()}
+            fingerprint = batch.job.fingerprint(item, sums)
+            cached = _read_cached(batch, item, fingerprint)
+            if cached is None:
+                parcel = _Parcel(item, fingerprint, contents)
+            return cached or {}
+
+        result = attempt(context, work)
+        yield parcel or Done(replace(result, cached=result.error is None))
+
+
+def _process_sent(
+    job: Job[Any], parcel: _Parcel, progress: Callable[[int, int], object]
+) -> ItemResult:
+    """Process an item whose sources were sent; the result holds the files that it wrote."""
+    # Readers take files, and a worker shares no disk with who sent them.
+    with tempfile.TemporaryDirectory() as name:
+        folder, out, item = Path(name) / "in", Path(name) / "out", parcel.item
+        for path, content in parcel.contents.items():
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            (folder / path).write_bytes(content)
+        for target in item.targets:
+            (out / target).parent.mkdir(parents=True, exist_ok=True)
+        context = Context(item, folder, out, progress, parcel.fingerprint)
+        result = attempt(context, lambda: job.process(item, context))
+        files = {t: (out / t).read_bytes() for t in item.targets if (out / t).is_file()}
+    return result if result.error else replace(result, files=files)
+
+
+def _receive(item: Item, result: ItemResult | DeadProcess, out: Path) -> ItemResult:
+    """Write the files that a cluster has sent, and name the item whose process died."""
+    if isinstance(result, DeadProcess):
+        source = f"{item.prefix}{item.sources[0]}"
+        return ItemResult(item.name, error=f"{source}: it was not processed: {result.reason}")
+    if not result.files:
+        return result
+    context = Context(item, item.folder, out, lambda done, of: None, "", dict(result.seconds))
+
+    def work() -> Mapping[str, Any]:
+        with context.time("writing"):
+            for target in item.targets:
+                if target in result.files:
+                    with write_atomically(out / target) as partial:
+                        partial.write_bytes(result.files[target])
+        return result.figures
+
+    written = attempt(context, work)
+    return replace(written, warnings=(*result.warnings, *written.warnings))

@@ -1,0 +1,226 @@
+"""Print what the commands that make corpora have done."""
+
+from __future__ import annotations
+
+import contextlib
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from corpus_tools.batch import BatchProgress
+from corpus_tools.cli import console, display
+from corpus_tools.conversion.align import AlignReport
+from corpus_tools.conversion.fit import FitReport
+from corpus_tools.conversion.report import ConversionReport, list_names
+from corpus_tools.conversion.select_sentences import SelectionReport
+
+_Progress = Callable[[BatchProgress], None]
+
+_COLUMNS = {
+    "frames": "frames",
+    "fitted": "fitted",
+    "residual_mm": "residual mm",
+    "head_residual_mm": "head mm",
+    "uncertain_frames": "uncertain",
+    "evaluations_per_frame": "evaluations",
+}
+# More recordings than this are summed up, and only the worst are listed.
+_LISTED = 20
+# How many of the missing words are shown; the file has them all.
+_WORDS = 10
+
+
+@contextlib.contextmanager
+def show_fit_progress() -> Iterator[_Progress]:
+    """Show the progress of a fit, and print warnings and errors in the order of the recordings.
+
+    Yields
+    ------
+    Callable
+        To be called with the state of the batch.
+    """
+    with display.show_batch_progress("fitting recordings") as show:
+
+        def progress(state: BatchProgress) -> None:
+            for result in state.results:
+                for line in result.warnings:
+                    console.say(f"warning: {result.name}: {line}")
+                console.print_traceback(result.traceback)
+                if result.error is not None:
+                    console.say(f"error: {result.error}")
+            show(state)
+
+        yield progress
+
+
+@contextlib.contextmanager
+def show_conversion_progress() -> Iterator[_Progress]:
+    """Show the progress of a conversion, and tracebacks while debugging.
+
+    Yields
+    ------
+    Callable
+        To be called with the state of the batch.
+    """
+    with display.show_batch_progress("converting utterances") as show:
+
+        def progress(state: BatchProgress) -> None:
+            for result in state.results:
+                console.print_traceback(result.traceback)
+            show(state)
+
+        yield progress
+
+
+def print_fit(report: FitReport) -> None:
+    """Print the figures of a fit: a table, or the worst recordings of many.
+
+    Parameters
+    ----------
+    report
+        What was fitted.
+    """
+    from rich import box
+    from rich.table import Table
+
+    rows = [row for row in report.recordings if "error" not in row]
+    if not rows:
+        return
+    listed, title = rows, None
+    if len(rows) > _LISTED:
+        listed = sorted(rows, key=lambda row: -float(row["residual_mm"]))[:5]
+        title = f"the {len(listed)} recordings with the largest residuals"
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("recording", no_wrap=True)
+    for label in _COLUMNS.values():
+        table.add_column(label, justify="right")
+    for row in listed:
+        cells = [row[key] for key in _COLUMNS]
+        table.add_row(
+            row["recording"], *(f"{c:.2f}" if isinstance(c, float) else str(c) for c in cells)
+        )
+    display.create_screen().print(table)
+    frames, fitted = (sum(row[key] for row in rows) for key in ("frames", "fitted"))
+    residual = float(np.median([row["residual_mm"] for row in rows]))
+    cached = sum(row["kept"] for row in rows)
+    before = f" ({cached} of them before)" if cached else ""
+    display.print_lines(
+        f"{len(rows)} of {len(report.recordings)} recordings fitted{before}: {fitted} of {frames} "
+        f"frames, median residual {residual:.2f} mm. Parameters are in {report.out}."
+    )
+
+
+def print_conversion(report: ConversionReport) -> None:
+    """Print a summary of a conversion.
+
+    Parameters
+    ----------
+    report
+        What was converted.
+    """
+    content = report.to_dict()
+    rows = [row for row in content["utterances"] if "error" not in row]
+    bad = [row["id"] for row in content["utterances"] if "error" in row]
+    lines = _summarise(rows) if rows else []
+    if report.removed:
+        removed = list_names(report.removed)
+        lines.append(f"removed, as they are bad or not in the manifest: {removed}")
+    if bad:
+        lines.append(f"left out, {len(bad)}: {list_names(bad)}")
+    cached = f", {content['kept']} of them from before" if content["kept"] else ""
+    total = len(report.entries)
+    lines.append(f"{len(rows)} of {total} utterances are in the corpus{cached}: {report.out}")
+    display.print_lines(*map(console.to_printable, lines))
+
+
+def _summarise(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    splits = Counter(row["split"] for row in rows)
+    parts = ", ".join(f"{count} {name}" for name, count in sorted(splits.items()))
+    speakers = len({row["speaker"] for row in rows})
+    sessions = len({(row["speaker"], row["session"]) for row in rows})
+    minutes = sum(row["duration"] for row in rows) / 60
+    frames, fitted = (sum(row[key] for row in rows) for key in ("frames", "fitted"))
+    residual, head = (
+        float(np.median([row[key] for row in rows])) for key in ("residual_mm", "head_residual_mm")
+    )
+    lines = [
+        f"{parts}; {minutes:.1f} minutes, {sum(row['phones'] for row in rows)} phones, "
+        f"{_count(speakers, 'speaker')}, {_count(sessions, 'session')}",
+        f"{fitted} of {frames} frames fitted, median residual {residual:.2f} mm "
+        f"(head {head:.2f} mm)",
+        _summarise_clocks([row["sync"] for row in rows]),
+    ]
+    noted = sum(bool(row["checks"]) for row in rows)
+    if noted:
+        lines.append(f"{noted} with something to look at: the column checks of the table says what")
+    return lines
+
+
+def _summarise_clocks(clocks: Sequence[Mapping[str, Any]]) -> str:
+    kinds = Counter(each["kind"] for each in clocks)
+    parts = []
+    drifts = [each["drift_ppm"] for each in clocks if each["kind"] == "pulses"]
+    if drifts:
+        missing = sum(each["missing"] for each in clocks if each["kind"] == "pulses")
+        parts.append(
+            f"{len(drifts)} by pulses ({missing} pulses missing), drift {np.median(drifts):+.1f} "
+            f"ppm ({min(drifts):+.1f} to {max(drifts):+.1f})"
+        )
+    estimates = [each["correlation"] for each in clocks if each["is_estimate"]]
+    if estimates:
+        parts.append(
+            f"{len(estimates)} ESTIMATED by lips and energy, correlation {np.median(estimates):.2f}"
+        )
+    if kinds["none"]:
+        parts.append(f"{kinds['none']} by their start time")
+    return "on the clock of the sound: " + "; ".join(parts)
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def print_alignment(report: AlignReport) -> None:
+    """Print how many sounds were aligned.
+
+    Parameters
+    ----------
+    report
+        What was aligned.
+    """
+    seconds = sum(row["duration"] for row in report.aligned)
+    phones = sum(row["phones"] for row in report.aligned)
+    display.print_lines(
+        f"{len(report.aligned)} of {len(report.aligned) + len(report.errors)} sounds aligned: "
+        f"{phones} phones in {seconds:.1f} s. Labels are in {report.out}."
+    )
+
+
+def print_selection(report: SelectionReport, *, as_json: bool) -> None:
+    """Print how much the selected sentences cover.
+
+    Parameters
+    ----------
+    report
+        What was selected.
+    as_json
+        Whether JSON is printed.
+    """
+    missing = report.missing_words
+    if missing:
+        listed = ", ".join(f"{row['word']} ({row['count']})" for row in missing[:_WORDS])
+        more = ", …" if len(missing) > _WORDS else ""
+        console.say(f"{len(missing)} words are not in the dictionary: {listed}{more}")
+    content = report.to_dict()
+    if as_json:
+        display.print_json(content)
+        return
+    candidates = report.sentences - report.left_out
+    display.create_screen().print(
+        f"{content['chosen']} of {candidates:,} sentences ({report.left_out:,} left out) have "
+        f"{content['covered']:,} of {report.triphones:,} triphones "
+        f"({100 * content['share_of_kinds']:.1f} %), which are "
+        f"{100 * content['share_of_occurrences']:.1f} % of all occurrences: {report.out}"
+    )

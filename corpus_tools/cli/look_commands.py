@@ -1,0 +1,149 @@
+"""The commands that show and check data, and the demo; `app` puts them on the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from corpus_tools.cli import console, display
+from corpus_tools.cli.arguments import AsJson
+from corpus_tools.cli.console import Status
+
+if TYPE_CHECKING:
+    from mocap_fit.errors import MocapFitError
+
+
+def demo(
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="A new folder, or that of a former demo, which is replaced.", readable=False
+        ),
+    ] = Path("mocap-fit-demo"),
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same numbers.")] = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Run the whole path on recordings that it makes itself: fit, train, score, talk."""
+    from mocap_fit.processes import limit_threads
+
+    limit_threads()
+    from corpus_tools.cli import demo_printing
+    from corpus_tools.demonstration.demo import demo as run
+
+    with display.show_progress() as progress:
+        report = run(out, seed=seed, progress=progress)
+    if as_json:
+        display.print_json(report.to_dict())
+    else:
+        demo_printing.print_demo(report)
+
+
+def info(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE",
+            help="Recordings, labels, sound, trained models, corpora.",
+            readable=False,
+        ),
+    ],
+    tree: Annotated[
+        str | None,
+        typer.Option(metavar="PHONE/PARAMETER", help="Show a tree of a CART model."),
+    ] = None,
+    svg: Annotated[
+        Path | None, typer.Option(help="Draw the tree into this file (SVG).", readable=False)
+    ] = None,
+    explain: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="PHONES",
+            help="Labels, or phones of a corpus: what decided their targets in a CART model.",
+            readable=False,
+        ),
+    ] = None,
+    questions: Annotated[
+        bool, typer.Option("--questions", help="How much each question of a CART model matters.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Show what recordings, labels, sound, models and corpora hold; look into trees."""
+    if tree is not None or svg is not None or explain is not None or questions:
+        if len(files) != 1:
+            raise typer.BadParameter("give one model", param_hint="FILE")
+        from corpus_tools.cli.contents_printing import print_model
+
+        print_model(files[0], tree=tree, svg=svg, explain=explain, as_json=as_json)
+        return
+    from corpus_tools.cli.contents_printing import print_contents
+    from corpus_tools.inspection.info import info as run
+
+    def show(content: Mapping[str, Any], error: MocapFitError | OSError | None) -> None:
+        if error is not None:
+            console.print_error(error)
+        elif not as_json:
+            print_contents(content)
+
+    report = run(files, progress=show)
+    if as_json:
+        display.print_json(report.contents)
+    raise typer.Exit(Status.BAD_DATA if report.errors else Status.DONE)
+
+
+def validate(
+    paths: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="PATH",
+            help="Corpora, folders, recordings, labels, sound; files of one name belong together.",
+            readable=False,
+        ),
+    ] = None,
+    thresholds: Annotated[
+        Path | None,
+        typer.Option(help="A TOML file that changes what counts as wrong.", readable=False),
+    ] = None,
+    html: Annotated[
+        Path | None, typer.Option(help="A page with the report and pictures.", readable=False)
+    ] = None,
+    layout: Annotated[
+        str | None, typer.Option(help="The marker layout: a shipped name, or a TOML file.")
+    ] = None,
+    phone_set: Annotated[
+        str | None, typer.Option(help="The phone set: a shipped name, or a TOML file.")
+    ] = None,
+    codes: Annotated[
+        bool, typer.Option("--codes", help="List all that can be found, and end.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Check recordings, labels, sound and corpora; name what is wrong, where, and what to do.
+
+    Exit status 1 if anything is an error; warnings and notes alone leave it at 0.
+    """
+    from corpus_tools.cli import validation_printing
+
+    if codes:
+        validation_printing.print_codes(as_json=as_json)
+        return
+    if not paths:
+        raise typer.BadParameter("give a corpus, a folder or a file", param_hint="PATH")
+    from corpus_tools.validation.validate import validate as run
+
+    with display.show_progress() as progress:
+        report = run(
+            paths,
+            thresholds=thresholds,
+            layout=layout,
+            phone_set=phone_set,
+            page=html,
+            progress=progress,
+        )
+    if as_json:
+        display.print_json(report.as_record())
+    else:
+        validation_printing.print_report(report)
+    raise typer.Exit(Status.DONE if report.clean else Status.BAD_DATA)

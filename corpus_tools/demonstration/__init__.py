@@ -1,0 +1,1 @@
+"""The demo: the complete path on recordings that it makes itself."""
