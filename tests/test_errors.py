@@ -1,10 +1,19 @@
+import copy
+import errno
+import os
 import pickle
 from pathlib import Path
 
 import pytest
 
-from mocap_fit import errors, settings_file
-from mocap_fit.errors import DataError, FileFormatError, MocapFitError, MocapFitWarning
+from mocap_fit import errors
+from mocap_fit.errors import (
+    DataError,
+    FileFormatError,
+    MissingFileError,
+    MocapFitError,
+    MocapFitWarning,
+)
 
 
 def test_a_message_says_where_what_and_what_to_do():
@@ -56,6 +65,7 @@ def test_a_message_is_one_short_line_whatever_the_file_held():
         "DataError",
         "FileFormatError",
         "MissingExtraError",
+        "MissingFileError",
         "RegistryError",
     ],
 )
@@ -68,10 +78,10 @@ def test_one_base_class_catches_them_all(name):
 
 def test_errors_survive_the_way_from_a_worker_process():
     error = DataError("no marker is seen", frame=4, found=0, expected=3, advice="Look.")
-    copy = pickle.loads(pickle.dumps(error))
-    assert type(copy) is DataError
-    assert str(copy) == str(error)
-    assert (copy.frame, copy.advice) == (4, "Look.")
+    twin = pickle.loads(pickle.dumps(error))
+    assert type(twin) is DataError
+    assert str(twin) == str(error)
+    assert (twin.frame, twin.advice) == (4, "Look.")
 
 
 def test_warnings_can_be_told_from_those_of_others():
@@ -79,22 +89,60 @@ def test_warnings_can_be_told_from_those_of_others():
     assert not issubclass(MocapFitWarning, MocapFitError)
 
 
+def test_a_missing_file_is_also_a_file_not_found_error():
+    error = MissingFileError(path=Path("takes") / "one.tsv", advice="Check the name.")
+    assert isinstance(error, FileFormatError)
+    with pytest.raises(FileNotFoundError):
+        raise error
+    assert str(error) == f"{Path('takes') / 'one.tsv'}: there is no such file. Check the name."
+    assert (error.errno, error.filename) == (errno.ENOENT, str(Path("takes") / "one.tsv"))
+    for twin in (pickle.loads(pickle.dumps(error)), copy.copy(error), copy.deepcopy(error)):
+        assert type(twin) is MissingFileError
+        assert str(twin) == str(error)
+        assert (twin.errno, twin.filename) == (error.errno, error.filename)
+        assert twin.problem == "there is no such file"
+
+
+@pytest.mark.parametrize("kind", [DataError, MissingFileError])
+def test_a_path_is_added_where_an_error_names_none(kind):
+    error = kind("no marker is seen", frame=4, found=0, expected=3, advice="Look.")
+    named = errors.add_path(error, Path("take.tsv"))
+    assert type(named) is kind
+    assert error.path is None
+    assert str(named) == "take.tsv, " + str(error)
+    assert errors.add_path(named, "other.tsv") is named
+
+
+def test_what_the_system_says_of_a_file_becomes_our_error(tmp_path):
+    with pytest.raises(OSError) as caught:
+        (tmp_path / "none").open()
+    missing = errors.from_os_error(caught.value, tmp_path / "none", "model", "Train one.")
+    assert type(missing) is MissingFileError
+    assert str(missing) == f"{tmp_path / 'none'}: there is no such model. Train one."
+    with pytest.raises(OSError) as caught:
+        tmp_path.open()
+    folder = errors.from_os_error(caught.value, tmp_path)
+    assert type(folder) is FileFormatError
+    reason = os.strerror(errno.EISDIR)
+    assert str(folder) == (
+        f"{tmp_path}: the file cannot be read (found {reason}). Check that you may read it."
+    )
+    text = errors.from_os_error(ValueError("embedded null byte"), "a")
+    assert "found embedded null byte" in str(text)
+
+
 @pytest.mark.parametrize(
-    ("location", "message", "place", "problem"),
+    ("error", "text"),
     [
-        (("rate",), "Field required", "rate", "this is missing"),
-        (("rows", 1, "size"), "Input should be 3", "rows.1 'b'.size", "input should be 3"),
-        (
-            ("rows", 1, "name", "str"),
-            "Value error, 'b' is taken",
-            "rows.1 'b'.name",
-            "'b' is taken",
-        ),
-        (("rows", 5), "Field required", "rows.5", "this is missing"),
-        ((), "Value error, too few rows", "", "too few rows"),
+        (DataError("no marker is seen", path="take.tsv"), "take.tsv: no marker is seen"),
+        (MissingFileError(path="take.tsv"), "take.tsv: there is no such file"),
+        (PermissionError(13, "Permission denied", "take.tsv"), "take.tsv: Permission denied"),
+        (OSError(28, "No space left on device"), "No space left on device"),
+        (OSError("odd"), "odd"),
+        (TimeoutError(), "TimeoutError"),
+        (MemoryError(), "there is not enough memory. Take fewer or shorter recordings at a time."),
+        (ValueError("no"), "no"),
     ],
 )
-def test_the_first_fault_of_a_file_of_tables(location, message, place, problem):
-    content = {"rows": [{"size": 1}, {"name": "b", "size": 2}]}
-    faults = [{"loc": location, "msg": message}, {"loc": ("other",), "msg": "other"}]
-    assert settings_file.find_first_fault(content, faults) == (place, problem)
+def test_every_error_is_one_line(error, text):
+    assert errors.describe_error(error) == text

@@ -109,7 +109,7 @@ def work(shared, item, progress):
 if __name__ == "__main__":
     loaded_here.append("before the processes began")
     for count in (3, 6):
-        results = dict(processes.run_in_processes(work, 100, range(count), 2, lambda *how_far: None))
+        results = dict(processes.run_in_processes(work, 100, range(count), 2, lambda *_: None))
         died = [i for i, result in results.items() if isinstance(result, processes.DeadProcess)]
         print(json.dumps([died, [results[i] for i in range(count) if i not in died]]))
 """

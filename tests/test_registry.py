@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from mocap_fit.errors import RegistryError
+from mocap_fit.errors import DataError, FileFormatError, MocapFitWarning, RegistryError
 from mocap_fit.registry import Registry
 
 GROUP = "mocap_fit.test_plugins"
@@ -103,3 +103,91 @@ def test_our_own_plug_ins_are_installed_and_load():
     rigs = Registry("mocap_fit.rigs", "rig")
     assert "parke" in rigs.names()
     assert rigs.get_distribution("parke") == "mocap-fit"
+
+
+READER = """
+extensions = {extensions!r}
+
+def sniff(path):
+    {sniff}
+
+def read(path):
+    {read}
+"""
+
+
+@pytest.fixture
+def readers(install, tmp_path):
+    """A registry of readers of one distribution, given what each does to know its files."""
+
+    def put(distribution="lab-formats", **kinds):
+        modules = {
+            f"lab_{name}": READER.format(extensions=extensions, sniff=sniff, read="return path")
+            for name, (extensions, sniff) in kinds.items()
+        }
+        install(distribution, {name: f"lab_{name}" for name in kinds}, modules)
+        return Registry(GROUP, "reader")
+
+    return put
+
+
+def fail(registry, name, error):
+    with registry.guard(name):
+        raise error
+
+
+def test_a_reader_is_found_by_content_then_by_extension_then_by_name(readers, tmp_path):
+    file = tmp_path / "take.TSV"
+    registry = readers(
+        beta=((".csv",), "return path.suffix != '.log'"),
+        alpha=((".csv",), "return path.suffix != '.log'"),
+        gamma=((".tsv",), "return 'take' in path.name"),
+        delta=((".log",), "return False"),
+    )
+    assert registry.find(file) == "gamma"
+    assert registry.find(tmp_path / "take.xyz") == "alpha"
+    assert registry.find(tmp_path / "other.xyz") == "alpha"
+    # Nobody knows it, but one has its extension.
+    assert registry.find(tmp_path / "other.log") == "delta"
+    nothing = Registry("mocap_fit.no_such_group", "label reader")
+    with pytest.raises(FileFormatError, match=r"take\.TSV: no label reader takes this file"):
+        nothing.find(file)
+
+
+def test_an_extension_of_several_readers_may_decide_or_not(readers, tmp_path):
+    registry = readers(beta=((".lab",), "return False"), alpha=((".lab",), "return False"))
+    file = tmp_path / "a.lab"
+    assert registry.find(file) == "alpha"
+    with pytest.raises(FileFormatError, match=r"expected alpha \(\.lab\), beta \(\.lab\)"):
+        registry.find(file, ambiguous_extensions=False)
+    with pytest.raises(FileFormatError, match="no reader takes"):
+        registry.find(tmp_path / "a.txt")
+
+
+def test_a_reader_that_fails_is_named_with_its_distribution(readers, tmp_path):
+    registry = readers(broken=((".lab",), "return {}['key']"))
+    with pytest.raises(RegistryError) as caught:
+        registry.find(tmp_path / "a.lab")
+    message = str(caught.value)
+    assert message.startswith(f"{tmp_path / 'a.lab'}: the reader 'broken' of lab-formats failed")
+    assert "KeyError: 'key'" in message
+    assert "authors of lab-formats" in message
+    for error in (DataError("no marker"), PermissionError(13, "no"), MemoryError()):
+        with pytest.raises(type(error)) as caught:
+            fail(registry, "broken", error)
+        assert caught.value is error
+    with pytest.raises(RegistryError, match=r"^the reader 'broken' of lab-formats failed"):
+        fail(registry, "broken", ValueError("no"))
+
+
+def test_a_mistake_of_ours_stays_what_it_is(readers):
+    registry = readers("mocap-fit", ours=((".lab",), "return True"))
+    with pytest.raises(ZeroDivisionError):
+        fail(registry, "ours", ZeroDivisionError())
+
+
+def test_a_reader_that_cannot_be_loaded_is_passed_over(readers, install, tmp_path):
+    registry = readers(good=((".lab",), "return True"))
+    install("lab-broken", {"bad": "no_such_module_anywhere"})
+    with pytest.warns(MocapFitWarning, match="'bad' of lab-broken cannot be loaded"):
+        assert registry.find(tmp_path / "a.lab") == "good"

@@ -173,8 +173,8 @@ def fill_gaps(
     """
     _check_arguments(method, maximum_gap, rigid_set)
     positions, origin = tracks.positions.copy(), tracks.origin.copy()
-    # A tolerance: seconds times rate are seldom integers.
-    limit = maximum_gap * tracks.rate * (1 + 1e-9)
+    # A tolerance, because seconds times rate are seldom integers; infinity stays.
+    limit = np.floor(maximum_gap * tracks.rate + 1e-6)
     chosen = np.arange(len(tracks.names)) if rigid_set is None else _check_set(tracks, rigid_set)
     shape = compute_mean_shape(tracks.positions[:, chosen]) if rigid_set is not None else None
     for k, marker in enumerate(chosen):

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from mocap_fit.errors import DataError
@@ -214,3 +215,56 @@ def test_one_frame_and_none_can_be_resampled():
     assert resample(parameter(np.zeros(0)), 60).frames == 0
     assert smooth(parameter([0.5]), 6).values.tolist() == [[0.5]]
     assert smooth(parameter(np.zeros(0)), 6).frames == 0
+
+
+def test_positions_and_values_follow_a_cubic_spline_through_each_stretch(rng):
+    values = rng.normal(size=(40, 1, 3))
+    gappy = values.copy()
+    gappy[20] = np.nan
+    tracks = MarkerTracks(("m",), 50.0, gappy)
+    result = resample(tracks, 175.0)
+    frames = result.times * 50.0
+    for part in (slice(0, 20), slice(21, 40)):
+        inside = (frames >= part.start - 1e-9) & (frames <= part.stop - 1 + 1e-9)
+        spline = CubicSpline(np.arange(part.start, part.stop), values[part, 0])
+        np.testing.assert_allclose(
+            result.positions[inside, 0], spline(frames[inside]), rtol=0, atol=1e-9
+        )
+    one = resample(parameter(values[:, 0, 0], rate=50.0), 175.0)
+    np.testing.assert_allclose(
+        one.values[:, 0], CubicSpline(np.arange(40), values[:, 0, 0])(one.times * 50.0), atol=1e-9
+    )
+    pose = PoseTracks(("b",), 50.0, np.tile(np.eye(3), (40, 1, 1, 1)), values)
+    np.testing.assert_allclose(
+        resample(pose, 175.0).translations[:, 0],
+        CubicSpline(np.arange(40), values[:, 0])(frames),
+        atol=1e-9,
+    )
+
+
+def test_rotations_turn_evenly_between_frames():
+    turns = Rotation.from_rotvec(np.radians([[0, 0, 0], [0, 0, 90], [0, 0, 240]]))
+    tracks = PoseTracks(("b",), 1.0, turns.as_matrix()[:, None], np.zeros((3, 1, 3)))
+    result = Rotation.from_matrix(resample(tracks, 3.0).rotations[:, 0])
+    angles = np.degrees(np.unwrap(result.as_euler("zyx")[:, 0]))
+    np.testing.assert_allclose(angles, [0, 30, 60, 90, 140, 190, 240], atol=1e-9)
+
+
+def test_half_a_rate_is_filtered_at_two_fifths_of_it():
+    """The low-pass before a lower rate has taken 3 dB at 0.4 of the new rate."""
+    wave = sine(20.0, frames=4000, rate=400.0, phase=0.0)
+    result = resample(parameter(wave, rate=400.0), 50.0).values[:, 0]
+    truth = np.sin(2 * np.pi * 20.0 * np.arange(len(result)) / 50.0)
+    middle = slice(100, 400)
+    gain = np.linalg.lstsq(truth[middle, None], result[middle], rcond=None)[0][0]
+    assert gain == pytest.approx(np.sqrt(0.5), abs=2e-3)
+    # Without a lower rate nothing is filtered.
+    same = resample(parameter(wave, rate=400.0), 400.0 * (1 - 1e-10)).values[:, 0]
+    np.testing.assert_allclose(same, wave, atol=1e-12)
+
+
+@pytest.mark.parametrize("order", [0, 13])
+def test_orders_that_butterworth_filters_do_not_have_are_refused(order):
+    with pytest.raises(DataError, match="1 to 12"):
+        smooth(parameter(sine(1)), 10, order)
+    smooth(parameter(sine(1)), 10, min(max(order, 1), 12))

@@ -1,10 +1,15 @@
 import numpy as np
 import pytest
+from scipy import optimize, stats
 from scipy.spatial.transform import Rotation
 
 from mocap_fit.errors import DataError
 from mocap_fit.tracks.rigid import estimate_rigid_transforms
-from mocap_fit.tracks.robust import estimate_robust_transforms
+from mocap_fit.tracks.robust import (
+    compute_pose_information,
+    estimate_robust_transforms,
+    sample_evenly,
+)
 
 # Spectacles with a marker on each temple, hinge and on the bridge.
 SHAPE = np.array(
@@ -110,3 +115,79 @@ def test_weights_are_reciprocal_variances(rng):
 def test_weights_of_the_wrong_number_are_refused():
     with pytest.raises(DataError, match="weights"):
         estimate_robust_transforms(SHAPE, SHAPE[None], [1, 1])
+
+
+def gain(point, size):
+    """By how much squares fall without a point that is off in a direction, by two plain fits."""
+    target = SHAPE.copy()
+    target[point] += size * SLIP
+    others = np.delete(np.arange(len(SHAPE)), point)
+    complete = estimate_rigid_transforms(SHAPE, target[None])[2][0]
+    without = estimate_rigid_transforms(SHAPE[others], target[None, others])[2][0]
+    return complete**2 * len(SHAPE) - without**2 * len(others)
+
+
+SLIP = np.array([0.6, 0.0, 0.8])
+# Squares, per variance of the noise, that the gain of the worst of five points exceeds in one
+# frame of ten thousand.
+CHANCE = 3 * stats.f.ppf(1 - 1e-4 / 5, 3, 1e4)
+
+
+@pytest.mark.parametrize(
+    ("factor", "frames"),
+    [(2.0, slice(300, 900)), (8.0, slice(20, None, 40))],
+    ids=["for a while", "single frames"],
+)
+@pytest.mark.parametrize("part", [0.6, 1.8])
+def test_a_slip_counts_from_twice_what_chance_explains_and_alone_from_eight_times(
+    rng, factor, frames, part
+):
+    turns, _, target = moving(rng)
+    size = optimize.brentq(lambda s: gain(3, s) - part * factor * CHANCE * 0.1**2, 0, 50)
+    target[frames, 3] += size * turns.apply(SLIP)[frames]
+    rejected = estimate_robust_transforms(SHAPE, target).rejected
+    assert rejected[frames, 3].mean() == pytest.approx(1.0 if part > 1 else 0.0, abs=0.02)
+    rejected[frames, 3] = False
+    assert rejected.sum() <= 2
+
+
+def test_where_any_point_may_be_the_bad_one_no_good_one_is_left_out(rng):
+    """A point of four in a plane that is off the plane may as well be any of the others."""
+    shape = np.array([[-60.0, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0]])
+    turns, _, target = moving(rng, shape=shape)
+    target[300:900, 1] += 5 * turns.apply([0, 0, 1.0])[300:900]
+    rejected = estimate_robust_transforms(shape, target).rejected
+    assert not rejected[:, [0, 2, 3]].any()
+
+
+def test_two_bad_points_in_every_seventh_frame_do_not_pass_for_noise(rng):
+    """They raise the ninth decile, which counts for twice the noise of the median at most."""
+    turns, _, target = moving(rng)
+    target[300:520, 1] += 3 * turns.apply([0, 0.6, 0.8])[300:520]
+    target[300:520, 2] += 3 * turns.apply([0.8, 0, -0.6])[300:520]
+    rejected = estimate_robust_transforms(SHAPE, target).rejected
+    assert rejected[300:520][:, [1, 2]].all()
+    assert rejected.sum() <= 442
+
+
+def test_noise_that_comes_in_stretches_is_noise(rng):
+    """The ninth decile counts: a fifth of the frames is noisier, and no point of it is bad."""
+    _, _, target = moving(rng)
+    target[300:600] += 0.15 * rng.normal(size=(300, 5, 3))
+    fit = estimate_robust_transforms(SHAPE, target)
+    assert fit.rejected.sum() <= 3
+
+
+def test_pose_information_is_that_of_small_motions(rng):
+    centre = SHAPE.mean(axis=0)
+    motion = 1e-6 * rng.normal(size=6)
+    moved = Rotation.from_rotvec(motion[:3]).apply(SHAPE - centre) + centre + motion[3:]
+    squares = ((moved - SHAPE) ** 2).sum(axis=1)
+    information = compute_pose_information(SHAPE, centre)
+    np.testing.assert_allclose(motion @ information @ motion, squares, rtol=1e-4)
+
+
+@pytest.mark.parametrize(("count", "limit", "stride"), [(10, 10, 1), (11, 10, 2), (41, 10, 8)])
+def test_rows_are_sampled_at_powers_of_two(count, limit, stride):
+    rows = np.arange(count)
+    np.testing.assert_array_equal(sample_evenly(rows, limit), rows[::stride])
