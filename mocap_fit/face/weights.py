@@ -77,7 +77,7 @@ class BendingEnergy:
         """
         laplacian, areas = _compute_laplacian(vertices, triangles)
         matrix = laplacian.T @ sparse.diags(1.0 / areas) @ laplacian
-        return cls(matrix.tocsr(), connected_components(laplacian, directed=False)[1])
+        return cls(matrix.tocsr(), connected_components(laplacian)[1])
 
     def minimise(self, known: IndexArray, values: FloatArray) -> FloatArray:
         """Compute the field of least energy with known values at some vertices.

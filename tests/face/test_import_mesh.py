@@ -178,9 +178,18 @@ def test_left_handed_axes_keep_the_outside_outside(tmp_path):
 def test_triangles_that_face_inwards_are_turned_with_a_warning(tmp_path):
     vertices, triangles = egg()
     path = write_obj(tmp_path / "a.obj", vertices, triangles[:, ::-1].tolist())
-    with pytest.warns(MocapFitWarning, match="inwards"):
+    with pytest.warns(MocapFitWarning, match="inwards") as caught:
         mesh = read_mesh(path)
     assert volume(mesh) > 0
+    # The warning points at the caller.
+    assert caught[0].filename == __file__
+
+
+def test_a_flat_sheet_faces_where_it_faced(tmp_path):
+    square = [[0, 0, 0], [100, 0, 0], [100, 100, 0], [0, 100, 0]]
+    for polygon, normal in (([0, 1, 2, 3], 1), ([3, 2, 1, 0], -1)):
+        mesh = quiet(write_obj(tmp_path / "a.obj", square, [polygon]))
+        np.testing.assert_allclose(mesh.compute_normals(), [[0, 0, normal]] * 4)
 
 
 def test_triangles_without_area_are_left_out_with_a_warning(tmp_path):

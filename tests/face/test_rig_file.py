@@ -7,14 +7,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from mocap_fit.errors import ConfigurationError, FileFormatError
 from mocap_fit.face import Mesh, load_face
 from mocap_fit.face import rig_file as rig_file_module
 from mocap_fit.face.builtin import load_built_in_head
 from mocap_fit.face.parke import ParkeRig
-from mocap_fit.face.rig_file import list_shipped_rigs, read_rig_file
-from mocap_fit.face.rig_tables import Constraint, Point, compute_surface_distance
+from mocap_fit.face.rig_file import RigFile, list_shipped_rigs, read_rig_file
+from mocap_fit.face.rig_tables import (
+    Constraint,
+    Point,
+    Region,
+    Weight,
+    compute_surface_distance,
+)
 
 FACES = Path(__file__).parents[2] / "fixtures" / "faces"
 
@@ -601,13 +608,65 @@ def named(mesh: Mesh) -> Mesh:
     )
 
 
-def test_distance_along_a_grid_is_that_of_its_edges() -> None:
-    """Squares of 2 mm cut along one diagonal: (2, 2) is reached by diagonals of √8 mm."""
+def grid() -> Mesh:
+    """Four by three vertices, squares of 2 mm that are cut along one diagonal."""
     x, y = np.meshgrid(np.arange(4.0), np.arange(3.0))
     vertices = np.stack([2 * x, 2 * y, 0 * x], axis=2).reshape(-1, 3)
     squares = [4 * row + column for row in range(2) for column in range(3)]
     triangles = [t for a in squares for t in ([a, a + 1, a + 5], [a, a + 5, a + 4])]
-    distance = compute_surface_distance(Mesh(vertices, np.array(triangles)), 0)
+    return Mesh(vertices, np.array(triangles), feature_points={"2.1": 0, "2.2": 11})
+
+
+def test_a_region_is_all_that_it_names() -> None:
+    mesh = grid()
+    for region, members in (
+        ({"near": "2.1", "within": 2}, [0, 1, 4]),
+        ({"near": ["2.1", "2.2"], "within": 2.0}, [0, 1, 4, 7, 10, 11]),
+        ({"vertices": [3, [5, 7], 3]}, [3, 5, 6, 7]),
+        ({"vertices": [2], "near": "2.1", "within": 1.9}, [0, 2]),
+        ({"part": "skin"}, list(range(12))),
+    ):
+        vertices = Region.model_validate(region).find_vertices(mesh)
+        assert vertices.tolist() == members
+    with pytest.raises(ConfigurationError, match="found 12, expected 0 to 11"):
+        Region.model_validate({"vertices": [[11, 12]]}).find_vertices(mesh)
+
+
+@pytest.mark.parametrize(
+    ("model", "settings", "accepted"),
+    [
+        (Point, {"position": [1e6, -1e6, 0]}, True),
+        (Point, {"position": [1.001e6, 0, 0]}, False),
+        (Point, {"position": [0, 0, -1.001e6]}, False),
+        (RigFile, {"mouth_width": 1}, True),
+        (RigFile, {"mouth_width": 0.9}, False),
+        (RigFile, {"lower_face_height": 1000}, True),
+        (RigFile, {"lower_face_height": 1001}, False),
+        (RigFile, {"feature_points": {"2.1": [1e6, 0, -1e6]}}, True),
+        (RigFile, {"feature_points": {"2.1": [1.001e6, 0, 0]}}, False),
+        (RigFile, {"feature_points": {"2.1": 0}}, True),
+        (Constraint, {"value": 0, "regions": "a"}, True),
+        (Constraint, {"value": 1, "regions": "a"}, True),
+        (Constraint, {"value": -0.01, "regions": "a"}, False),
+        (Constraint, {"value": 1.01, "regions": "a"}, False),
+        (Region, {"vertices": [[0, 0]]}, True),
+        (Weight, {"centre": "8.1", "radii": [1, 1, 1], "plateau": 0.99}, True),
+        (Weight, {"centre": "8.1", "radii": [1, 1, 1], "plateau": -0.01}, False),
+        (Weight, {"centre": "8.1", "radii": [0.001, 1, 1]}, True),
+        (Weight, {"centre": "8.1", "radii": [1, 1, 0]}, False),
+    ],
+)
+def test_limits_hold_on_both_sides(model: type, settings: dict, accepted: bool) -> None:
+    if accepted:
+        model.model_validate(settings)
+    else:
+        with pytest.raises(ValidationError):
+            model.model_validate(settings)
+
+
+def test_distance_along_a_grid_is_that_of_its_edges() -> None:
+    """A vertex one across and one up is reached by a diagonal of √8 mm."""
+    distance = compute_surface_distance(grid(), 0)
     root = 8**0.5
     expected = [[0, 2, 4, 6], [2, root, 2 + root, 4 + root], [4, 2 + root, 2 * root, 2 + 2 * root]]
     np.testing.assert_allclose(distance.reshape(3, 4), expected)

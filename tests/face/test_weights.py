@@ -115,6 +115,8 @@ class TestInterpolated:
         known, values = np.array([0, 8, 30, 53]), np.array([0.3, 0.6, 0.5, 0.4])
         laplacian, areas = _compute_laplacian(vertices, triangles)
         weighted = laplacian.toarray() / np.sqrt(areas)[:, None]
+        energy = BendingEnergy.from_mesh(vertices, triangles).matrix.toarray()
+        np.testing.assert_allclose(energy, weighted.T @ weighted, atol=1e-12)
         free = np.setdiff1d(np.arange(len(vertices)), known)
         best, *_ = np.linalg.lstsq(weighted[:, free], -weighted[:, known] @ values, rcond=None)
         field = interpolate(vertices, triangles, known, values)
