@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
 from mocap_fit.errors import DataError
@@ -10,6 +11,13 @@ from mocap_fit.tracks import (
     estimate_rigid_transform,
     estimate_rigid_transforms,
     estimate_similarity_transform,
+)
+from mocap_fit.tracks.rigid import (
+    apply_inverse_transforms,
+    apply_transforms,
+    compute_motion_jacobian,
+    describe_degeneracy,
+    project_to_rotations,
 )
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -147,3 +155,47 @@ def test_spread_is_the_standard_deviation_along_the_principal_directions(rng):
     np.testing.assert_allclose(
         compute_spread([[0, 0, 0], [2, 0, 0], [9, 9, 9]], [1, 1, 0]), [1, 0, 0]
     )
+
+
+def test_a_line_is_as_wide_as_a_fiftieth_of_its_length():
+    """The limit between a set that determines its turn about itself, and one that does not."""
+    points = np.array([[-100.0, -1, 0], [-100, 1, 0], [100, -1, 0], [100, 1, 0]])
+    for width, reason in ((2.04, None), (1.96, "lie on a line")):
+        reply = describe_degeneracy(points * [1, width, 1])
+        assert reply is None if reason is None else reason in reply
+    # Points within a millionth of a millimetre are one.
+    for length, reason in ((1.5e-6, None), (0.7e-6, "in one place")):
+        reply = describe_degeneracy(
+            length * np.array([[-1, -1, 0], [-1, 1, 0], [np.sqrt(2), 0, 0]])
+        )
+        assert reply is None if reason is None else reason in reply
+    assert "only 2 of the three" in describe_degeneracy(points[:3], [1, 1, 0])
+
+
+def test_points_are_moved_there_and_back(rng):
+    turns, shifts = Rotation.random(4, rng=rng), rng.normal(size=(4, 3))
+    points = rng.normal(size=(4, 5, 3))
+    moved = apply_transforms(points, turns.as_matrix(), shifts)
+    for k in range(4):
+        np.testing.assert_allclose(moved[k], turns[k].apply(points[k]) + shifts[k], atol=1e-12)
+    back = apply_inverse_transforms(moved, turns.as_matrix(), shifts)
+    np.testing.assert_allclose(back, points, atol=1e-12)
+
+
+def test_the_motion_jacobian_is_the_derivative(rng):
+    points, centre = rng.normal(size=(4, 3)) * 50, rng.normal(size=3)
+    jacobian = compute_motion_jacobian(points, centre)
+    for k, step in enumerate(1e-6 * np.eye(6)):
+        moved = Rotation.from_rotvec(step[:3]).apply(points - centre) + centre + step[3:]
+        np.testing.assert_allclose(jacobian[:, :, k], (moved - points) / 1e-6, atol=1e-3)
+
+
+def test_the_nearest_rotation_is_that_of_the_polar_decomposition(rng):
+    matrices = Rotation.random(5, rng=rng).as_matrix() + 0.1 * rng.normal(size=(5, 3, 3))
+    matrices[3] = np.nan
+    result = project_to_rotations(matrices)
+    assert np.isnan(result[3]).all()
+    for k in (0, 1, 2, 4):
+        np.testing.assert_allclose(result[k], polar(matrices[k])[0], atol=1e-12)
+    mirror = project_to_rotations(np.diag([1.0, 0.9, -0.5]))
+    np.testing.assert_allclose(mirror, np.eye(3), atol=1e-12)

@@ -1,0 +1,123 @@
+import numpy as np
+import pytest
+from scipy.spatial.distance import pdist
+from scipy.spatial.transform import Rotation
+
+from mocap_fit.errors import DataError
+from mocap_fit.tracks import MarkerTracks
+from mocap_fit.tracks.rigid_sets import (
+    compute_mean_shape,
+    compute_median,
+    compute_typical_shape,
+    find_reference_markers,
+)
+
+SHAPE = np.array([[-70.0, 0, -60], [70, 0, -60], [-60, 25, 5], [60, 25, 5], [0, -20, 25]])
+
+
+def moving(rng, frames=200, noise=0.0, shape=SHAPE):
+    turns = Rotation.from_rotvec(0.3 * rng.normal(size=(frames, 3))).as_matrix()
+    points = np.einsum("fij,pj->fpi", turns, shape) + 20 * rng.normal(size=(frames, 1, 3))
+    return points + noise * rng.normal(size=points.shape)
+
+
+def test_the_median_leaves_out_what_is_missing(rng):
+    values = rng.normal(size=(9, 2, 3))
+    values[4:, 0] = np.nan
+    values[:, 1, 2] = np.nan
+    result = compute_median(values)
+    np.testing.assert_allclose(result[0], np.median(values[:4, 0], axis=0))
+    np.testing.assert_allclose(result[1, :2], np.median(values[:, 1, :2], axis=0))
+    assert np.isnan(result[1, 2])
+
+
+def test_the_mean_shape_is_where_the_first_complete_frame_has_it(rng):
+    positions = moving(rng)
+    positions[0, 2] = np.nan
+    np.testing.assert_allclose(compute_mean_shape(positions), positions[1], atol=1e-9)
+
+
+def test_the_mean_shape_is_better_than_a_frame_and_is_not_drawn_by_a_wild_one(rng):
+    positions = moving(rng, noise=0.5)
+    positions[5, 0] += 400
+    shape = compute_mean_shape(positions)
+    one = np.abs(pdist(positions[0]) - pdist(SHAPE)).max()
+    assert np.abs(pdist(shape) - pdist(SHAPE)).max() < 0.15 < one
+    np.testing.assert_allclose(shape.mean(axis=0), positions[0].mean(axis=0), atol=1.0)
+
+
+def test_the_mean_shape_needs_a_complete_frame_and_takes_a_line_as_it_is(rng):
+    positions = moving(rng, frames=4)
+    positions[:, 0] = np.nan
+    with pytest.raises(DataError, match="no frame shows all markers"):
+        compute_mean_shape(positions)
+    line = np.outer(np.arange(4.0), [1, 2, 3]) + np.zeros((3, 1, 1))
+    np.testing.assert_array_equal(compute_mean_shape(line), line[0])
+
+
+def test_the_typical_shape_needs_no_complete_frame(rng):
+    positions = moving(rng, noise=0.3)
+    hidden = np.arange(len(positions)) % 5
+    positions[np.arange(len(positions)), hidden] = np.nan
+    positions[:, [4]] = np.where(hidden[:, None, None] == 3, np.nan, positions[:, [4]])
+    shape = compute_typical_shape(positions)
+    assert np.abs(pdist(shape) - pdist(SHAPE)).max() < 0.15
+    positions[:, 1] = np.nan
+    shape = compute_typical_shape(positions)
+    assert np.isnan(shape[1]).all()
+    assert np.abs(pdist(np.delete(shape, 1, 0)) - pdist(np.delete(SHAPE, 1, 0))).max() < 0.15
+
+
+def recording(rng, frames=300, loose=8, noise=0.1, still=SHAPE):
+    """A rigid set, and markers on a face that moves on it, millimetres."""
+    face = rng.uniform(-40, 40, size=(loose, 3))
+    shape = np.concatenate([still, face])
+    points = moving(rng, frames, noise, shape)
+    points[:, len(still) :] += 2 * rng.normal(size=(frames, loose, 3))
+    names = tuple(f"h{k}" for k in range(len(still))) + tuple(f"f{k}" for k in range(loose))
+    order = rng.permutation(len(names))
+    return MarkerTracks(tuple(names[k] for k in order), 60, points[:, order])
+
+
+@pytest.mark.parametrize("loose", [8, 60])
+def test_reference_markers_are_those_that_keep_their_distances(rng, loose):
+    tracks = recording(rng, loose=loose)
+    rigid = tuple(name for name in tracks.names if name.startswith("h"))
+    assert find_reference_markers(tracks) == rigid
+    assert find_reference_markers(tracks, 5) == rigid
+    three = find_reference_markers(tracks, 3)
+    assert len(three) == 3
+    assert set(three) < set(rigid)
+
+
+def test_wide_sets_come_before_narrow_ones_that_are_as_rigid(rng):
+    """Three neighbours keep their distances too, and determine no turn."""
+    narrow = np.array([[0.0, 0, 80], [4, 0, 80], [0, 4, 80]])
+    tracks = recording(rng, still=np.concatenate([SHAPE[:3], narrow]))
+    assert set(find_reference_markers(tracks, 3)) == {"h0", "h1", "h2"}
+
+
+def test_markers_that_are_seldom_seen_are_not_considered(rng):
+    tracks = recording(rng)
+    positions = tracks.positions.copy()
+    positions[: tracks.frames // 2 + 1, tracks.index("h0")] = np.nan
+    positions[: tracks.frames // 2, tracks.index("h1")] = np.nan
+    chosen = find_reference_markers(tracks.replace(positions=positions, origin=None))
+    assert set(chosen) == {"h1", "h2", "h3", "h4"}
+
+
+def test_too_little_to_choose_from_is_refused(rng):
+    tracks = recording(rng, frames=30)
+    first = tracks.between(0, 10 / 60)
+    assert first.frames == 10
+    assert len(find_reference_markers(first)) >= 4
+    with pytest.raises(DataError, match="9 frames, expected 10 or more"):
+        find_reference_markers(tracks.between(0, 9 / 60))
+    with pytest.raises(DataError, match=r"too few reference markers are asked for \(found 2"):
+        find_reference_markers(tracks, 2)
+    with pytest.raises(DataError, match="expected 14 that are seen"):
+        find_reference_markers(tracks, 14)
+    three = tracks.select(tracks.names[:3])
+    assert find_reference_markers(three) == three.names
+    with pytest.raises(DataError, match="expected 4 that are seen"):
+        find_reference_markers(tracks.select(tracks.names[:2]))
