@@ -13,7 +13,6 @@ from mocap_fit.errors import (
     DataError,
     FileFormatError,
     MocapFitError,
-    MocapFitWarning,
     RegistryError,
 )
 from mocap_fit.io import READERS
@@ -250,40 +249,3 @@ def test_the_ending_decides_between_two_that_take_a_file(
     copy = tmp_path / "copy.xyz"
     copy.write_bytes((recordings / "qualisys_3d.tsv").read_bytes())
     assert io.find_reader(copy) == "a-greedy-one"
-
-
-def test_a_plug_in_that_fails_is_named(recordings: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def read(path: object, **arguments: object) -> None:
-        raise IndexError("no such column")
-
-    foreign = type("Foreign", (), {"description": "its own", "extensions": (".own",)})()
-    foreign.read = read
-    monkeypatch.setattr(READERS, "get", {"own": foreign}.__getitem__)
-    monkeypatch.setattr(READERS, "get_distribution", lambda name: "lab-tools")
-    with pytest.raises(RegistryError, match=r"'own' of lab-tools failed .*IndexError: no such"):
-        io.read(recordings / "commas.csv", reader="own")
-
-
-def test_a_plug_in_that_cannot_be_loaded_is_passed_over(
-    recordings: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def get(name: str) -> object:
-        if name == "broken":
-            raise RegistryError("the reader 'broken' of lab-tools cannot be loaded")
-        return known[name]
-
-    known = {name: READERS.get(name) for name in OWN}
-    monkeypatch.setattr(READERS, "names", lambda: ("broken", *OWN))
-    monkeypatch.setattr(READERS, "get", get)
-    with pytest.warns(MocapFitWarning, match=r"'broken' of lab-tools"):
-        assert io.read_tracks(recordings / "points.c3d").frames == 12
-
-
-def test_a_broken_plug_in_is_named(recordings: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def sniff(path: object) -> bool:
-        raise ZeroDivisionError("oh")
-
-    monkeypatch.setattr(READERS.get("c3d"), "sniff", sniff)
-    monkeypatch.setattr(READERS, "get_distribution", lambda name: "lab-tools")
-    with pytest.raises(RegistryError, match=r"'c3d' of lab-tools failed.*ZeroDivisionError"):
-        io.find_reader(recordings / "points.c3d")

@@ -1,5 +1,9 @@
 """The phone sets: what they hold, and what is refused."""
 
+import copy
+import dataclasses
+import json
+import pickle
 import re
 import sys
 import unicodedata
@@ -14,6 +18,7 @@ from mocap_fit.phones import (
     ARTICULATORY_PARAMETERS,
     FEATURE_NAMES,
     QUESTION_CLASSES,
+    Phone,
     PhoneSegment,
     list_phone_sets,
     load_phone_set,
@@ -153,6 +158,53 @@ def test_who_resists_what():
     assert not any(swedish.is_resistant("sil", name) for name in ARTICULATORY_PARAMETERS)
     with pytest.raises(DataError, match="no articulatory parameter 'smile'"):
         swedish.is_resistant("P", "smile")
+
+
+@pytest.mark.parametrize(
+    ("values", "resists"),
+    [
+        ({"rounded": 0.6}, {"lip_rounding"}),
+        ({"rounded": 0.59}, set()),
+        ({"rounded": -0.6}, {"left_corner_stretch", "right_corner_stretch"}),
+        ({"rounded": -0.59}, set()),
+        ({"protruded": 0.6}, {"upper_lip_retraction", "lower_lip_retraction"}),
+        ({"protruded": 0.59}, set()),
+        ({"open": 0.7}, {"jaw_rotation"}),
+        ({"open": 0.69}, set()),
+        ({"bilabial": 1, "nasal": 1}, {"upper_lip_raise", "lower_lip_depression"}),
+        ({"bilabial": 1}, set()),
+        ({"stop": 1, "velar": 1}, set()),
+        ({"labiodental": 1}, {"lower_lip_retraction", "lower_lip_depression"}),
+        ({"fricative": 1, "retroflex": 1}, {"jaw_rotation", "jaw_thrust"}),
+        ({"fricative": 1, "dental": 1}, set()),
+        ({"alveolar": 1}, set()),
+    ],
+)
+def test_resistance_follows_from_the_features(values, resists):
+    assert Phone("x", "consonant", values).resists == resists
+
+
+@pytest.mark.parametrize("name", [*TABLES, "ipa"])
+def test_sets_are_copied_pickled_and_compared(name):
+    phone_set = load_phone_set(name)
+    for other in (
+        load_phone_set(name),
+        copy.deepcopy(phone_set),
+        pickle.loads(pickle.dumps(phone_set)),
+        type(phone_set).from_dict(json.loads(json.dumps(phone_set.to_dict()))),
+    ):
+        assert other == phone_set
+        assert other.parse("") == (phone_set.silence, None)
+    assert phone_set != dataclasses.replace(phone_set, language="xx")
+    phone = phone_set.phones[1]
+    assert phone != dataclasses.replace(phone, values={"voiced": 0.5})
+    with pytest.raises(TypeError):
+        phone.values["voiced"] = 1.0
+
+
+def test_sets_print_shortly(ipa):
+    assert repr(SETS["sv-sta"]) == "<PhoneSet sv-sta (sv): 52 phones>"
+    assert repr(ipa).endswith("and any sound in IPA>")
 
 
 def test_czech_sampa_and_ipa_are_the_same_phones():
