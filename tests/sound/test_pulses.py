@@ -5,9 +5,17 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.signal import butter, sosfilt
+from scipy.stats import norm
 
 from mocap_fit.errors import DataError
 from mocap_fit.sound import decode_pulses
+from mocap_fit.sound.pulse_clock import Clock
+from mocap_fit.sound.pulses import (
+    _count_extra,
+    _describe_missing_pulses,
+    _estimate_deviation,
+    _measure_beginnings,
+)
 
 
 def root_mean_square(train, found):
@@ -34,7 +42,7 @@ def clean_train(*values):
     return example(**dict(zip(names, values, strict=True)))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(
     frame_rate=st.sampled_from([25.0, 60.0, 100.0, 119.88, 240.0]),
     frames=st.integers(30, 200),
@@ -238,3 +246,248 @@ class TestWhatIsRefused:
                 decode_pulses(channel, 48000, 60.0)
         with pytest.raises(DataError, match="four samples a frame"):
             decode_pulses(np.zeros(1000), 100.0, 60.0)
+
+
+class TestNumbers:
+    """What a train says of itself, by formulas."""
+
+    def test_signal_to_noise_is_height_over_deviation(self, make_train):
+        for decibels in (10, 30):
+            train = make_train(noise_db=decibels, frames=600, rate=16000)
+            decoded = decode_pulses(train.channel, 16000, 60.0, 600)
+            assert decoded.signal_to_noise_db == pytest.approx(decibels, abs=0.4)
+        assert decode_pulses(make_train().channel, 48000, 60.0).signal_to_noise_db == pytest.approx(
+            120
+        )
+
+    def test_rate_drift_and_start_are_one_line(self, make_train):
+        train = make_train(drift_ppm=300)
+        decoded = decode_pulses(train.channel, 48000, 60.0, 240)
+        slope, start = np.polyfit(np.arange(240), train.samples, 1)
+        assert decoded.start_time == pytest.approx(start / 48000, abs=1e-9)
+        assert decoded.frame_rate == pytest.approx(48000 / slope, rel=1e-9)
+        assert decoded.drift_ppm == pytest.approx(1e6 * (48000 / slope / 60 - 1), abs=1e-4)
+        off = train.samples - np.polyval([slope, start], np.arange(240))
+        assert decoded.residual == pytest.approx(np.sqrt(np.mean(off**2)) / 48000, rel=1e-6)
+        assert decoded.extra == 0
+
+    def test_part_of_a_train(self, make_train):
+        train = decode_pulses(
+            make_train(missing=0.1, seed=3).channel, 48000, 60.0, 240, start_time=0.25
+        )
+        part = train.select(3, 10)
+        np.testing.assert_array_equal(part.samples, train.samples[3:10])
+        np.testing.assert_array_equal(part.present, train.present[3:10])
+        np.testing.assert_allclose(part.times, train.times[3:10])
+        assert part.frames == 7
+
+    @pytest.mark.parametrize(("decibels", "is_measured"), [(18, False), (22, True)])
+    def test_beginnings_are_measured_where_pulses_stand_clear(
+        self, decibels, is_measured, make_train
+    ):
+        """From 20 dB on. Below, every frame is where the even clock has it."""
+        train = make_train(noise_db=decibels, frames=600, rate=16000, seed=1)
+        decoded = decode_pulses(train.channel, 16000, 60.0, 600)
+        assert (decoded.residual is not None) == is_measured
+        if not is_measured:
+            np.testing.assert_array_equal(decoded.samples, np.rint(decoded.times * 16000))
+
+    @pytest.mark.parametrize(("share", "is_refused"), [(0.35, True), (0.25, False)])
+    def test_seven_in_ten_must_have_a_pulse(self, share, is_refused, make_train):
+        train = make_train(16000, frames=400)
+        channel = train.channel.copy()
+        gone = np.arange(1, 399)[np.random.default_rng(0).permutation(398)[: int(share * 400)]]
+        for sample in train.samples[gone]:
+            channel[sample : sample + 24] = 0
+        if is_refused:
+            with pytest.raises(DataError, match="does not hold"):
+                decode_pulses(channel, 16000, 60.0, 400)
+        else:
+            decoded = decode_pulses(channel, 16000, 60.0, 400)
+            assert (~decoded.present).sum() == len(gone)
+
+    def test_three_pulses_are_the_least(self, make_train):
+        with pytest.raises(DataError, match="does not hold"):
+            decode_pulses(make_train(frames=2).channel, 48000, 60.0)
+        assert decode_pulses(make_train(frames=3).channel, 48000, 60.0).frames == 3
+
+    def test_as_many_extra_pulses_as_frames_are_another_rate(self, make_train):
+        train = make_train(16000, doubled=160, frames=240, width=8)
+        assert decode_pulses(train.channel, 16000, 60.0, 240).extra == 160
+        train = make_train(16000, doubled=180, frames=240, width=8)
+        with pytest.raises(DataError, match="does not hold"):
+            decode_pulses(train.channel, 16000, 60.0, 240)
+
+    def test_noise_hides_extra_pulses(self, make_train):
+        """Below 6 deviations of a pulse's sum nothing is counted."""
+        train = make_train(noise_db=10, width=1, rate=16000, frames=600)
+        assert decode_pulses(train.channel, 16000, 60.0, 600, start_time=0.25).extra is None
+        # 10 dB are 3.2 deviations: times the root of 3 it is below 6, of 5 above.
+        for width, is_counted in ((3, False), (5, True)):
+            train = make_train(noise_db=10, width=width, rate=16000, frames=600)
+            decoded = decode_pulses(train.channel, 16000, 60.0, 600, start_time=0.25)
+            assert (decoded.extra is not None) == is_counted
+
+    @pytest.mark.parametrize(("drift", "is_refused"), [(1900, False), (2600, True)])
+    def test_clocks_differ_by_two_thousandths_at_most(self, drift, is_refused, make_train):
+        train = make_train(16000, frames=600, drift_ppm=drift)
+        if is_refused:
+            with pytest.raises(DataError):
+                decode_pulses(train.channel, 16000, 60.0, 600)
+            wider = decode_pulses(train.channel, 16000, 60.0, 600, max_drift=4e-3)
+            assert (wider.samples == train.samples).all()
+        else:
+            assert (decode_pulses(train.channel, 16000, 60.0, 600).samples == train.samples).all()
+
+    @pytest.mark.parametrize(("frames", "is_refused"), [(60, False), (61, False), (62, True)])
+    def test_the_sound_must_be_as_long_as_the_recording(self, frames, is_refused):
+        """A second of sound holds the first of 61 frames at 60 Hz and the beginning of the last."""
+        problem = "too short" if is_refused else "does not hold"
+        with pytest.raises(DataError, match=problem) as caught:
+            decode_pulses(np.zeros(6000), 6000, 60.0, frames)
+        if is_refused:
+            assert "found 1.000 s of sound, expected 62 frames, 1.033 s" in str(caught.value)
+
+    @pytest.mark.parametrize(
+        ("rate", "frame_rate"), [(239.0, 60.0), (48000, 0.0), (48000, np.inf), (48000, -60.0)]
+    )
+    def test_rates_that_are_out_of_range(self, rate, frame_rate):
+        with pytest.raises(DataError, match="four samples a frame"):
+            decode_pulses(np.zeros(1000), rate, frame_rate)
+
+    def test_four_samples_a_frame_are_enough(self):
+        channel = np.zeros(800)
+        channel[100:700:4] = 1.0
+        decoded = decode_pulses(channel, 240.0, 60.0)
+        np.testing.assert_array_equal(decoded.samples, np.arange(100, 700, 4))
+
+
+class TestBeginnings:
+    def measure(self, channel, clock, width, slots, present=None):
+        present = np.ones(len(slots), dtype=bool) if present is None else present
+        return _measure_beginnings(channel, clock, width, slots, present)
+
+    def test_the_sample_that_rises_over_half(self):
+        channel = np.zeros(300)
+        channel[100:105] = [0.4, 0.6, 1.0, 1.0, 0.2]
+        channel[200:205] = [0.5, 0.6, 1.0, 1.0, 0.2]
+        begins, found = self.measure(channel, Clock(100.0, 100.0), 5, np.arange(2))
+        np.testing.assert_array_equal(begins, [101, 200])
+        assert found.all()
+
+    def test_the_nearest_rise(self):
+        channel = np.zeros(300)
+        channel[95:98] = channel[103:106] = 1.0
+        begins, _ = self.measure(channel, Clock(100.0, 100.0), 3, np.arange(1))
+        assert begins[0] == 103
+        begins, _ = self.measure(channel, Clock(98.9, 100.0), 3, np.arange(1))
+        assert begins[0] == 95
+
+    def test_how_far_it_is_looked_for(self):
+        """Twice the width, four samples at least, a quarter of the period at most."""
+        for width, period, reach in ((1, 100, 4), (10, 100, 20), (40, 100, 25)):
+            for shift, is_there in ((reach, True), (-reach, True), (-reach - 2, False)):
+                channel = np.zeros(1000)
+                channel[500 + shift : 500 + shift + width] = 1.0
+                begins, found = self.measure(channel, Clock(500.0, period), width, np.arange(1))
+                if is_there:
+                    assert (found[0], begins[0]) == (True, 500 + shift)
+                else:
+                    assert begins[0] != 500 + shift
+
+    def test_a_pulse_that_begins_with_the_sound(self):
+        channel = np.zeros(200)
+        channel[:5] = channel[100:105] = 1.0
+        begins, found = self.measure(channel, Clock(0.0, 100.0), 5, np.arange(2))
+        np.testing.assert_array_equal(begins, [0, 100])
+        assert found.all()
+
+    def test_without_a_pulse_there_is_none(self):
+        channel = np.zeros(300)
+        channel[100:105] = 1.0
+        present = np.array([True, False])
+        _, found = self.measure(channel, Clock(100.0, 100.0), 5, np.arange(2), present)
+        np.testing.assert_array_equal(found, [True, False])
+
+
+class TestExtra:
+    CLOCK = Clock(100.0, 100.0)
+
+    def count(self, begins, width=4, height=1.0, length=1000, slots=8):
+        channel = np.zeros(length)
+        for begin in begins:
+            channel[begin : begin + width] = height
+        return _count_extra(channel, self.CLOCK, width, np.arange(slots), 1.0)
+
+    def test_pulses_between_frames_are_counted(self):
+        frames = list(range(100, 900, 100))
+        assert self.count(frames) == 0
+        assert self.count([*frames, 150, 420, 490]) == 3
+        # Within two samples of a frame it is the frame's.
+        assert self.count([102, *frames[1:]]) == 0
+        assert self.count([103, *frames[1:]]) == 1
+        assert self.count([97, *frames[1:]]) == 1
+        # Or half of its width.
+        assert self.count([105, *frames[1:]], width=10) == 0
+        assert self.count([106, *frames[1:]], width=10) == 1
+
+    def test_half_a_period_around_the_frames_is_looked_at(self):
+        assert self.count([*range(100, 900, 100), 52, 846]) == 2
+        assert self.count([*range(100, 900, 100), 44, 852]) == 0
+        assert self.count([*range(100, 900, 100), 46], width=8) == 0
+
+    def test_three_quarters_of_the_height_are_the_least(self):
+        channel = np.zeros(1000)
+        channel[150:154] = 0.76
+        channel[250:254] = 0.74
+        assert _count_extra(channel, self.CLOCK, 4, np.arange(8), 1.0) == 1
+
+    def test_a_sound_that_ends_with_its_frames(self):
+        assert self.count([*range(100, 900, 100), 150], length=804) == 1
+        assert self.count([4], length=104, slots=1) == 0
+
+
+class TestOtherPulses:
+    def describe(self, channel, rate=1000.0, frame_rate=60.0):
+        return str(_describe_missing_pulses(np.asarray(channel, dtype=float), rate, frame_rate))
+
+    def test_silence(self):
+        for channel in (np.zeros(100), np.full(100, 0.5), np.zeros(0)):
+            assert "found silence, expected 60 pulses a second" in self.describe(channel)
+
+    @pytest.mark.parametrize("sign", [1, -1])
+    def test_pulses_of_another_rate_are_counted(self, sign):
+        channel = np.full(2000, 5.0)
+        for begin in range(10, 2000, 40):
+            channel[begin : begin + 3] += sign
+        assert "found 25 pulses a second" in self.describe(channel)
+
+    def test_they_must_be_even(self, rng):
+        channel = np.zeros(4000)
+        channel[np.sort(rng.choice(np.arange(5, 4000, 5), 60, replace=False))] = 1
+        assert "no even pulses" in self.describe(channel)
+        channel = np.zeros(4000)
+        # Half of them two samples late, four of them: within 2 samples and a fiftieth.
+        for late, is_even in ((2, True), (6, False)):
+            channel = np.zeros(4100)
+            channel[np.arange(100, 4100, 100) + np.where(np.arange(40) % 2, late, 0)] = 1
+            assert ("no even" not in self.describe(channel)) == is_even
+
+    def test_four_gaps_are_the_least(self):
+        for count, is_told in ((4, False), (5, True)):
+            channel = np.zeros(600)
+            channel[100 : 100 + 100 * count : 100] = 1
+            assert ("10 pulses a second" in self.describe(channel)) == is_told
+
+    def test_half_of_the_highest_is_a_pulse(self):
+        channel = np.zeros(2000)
+        channel[10:2000:50], channel[30:2000:50] = 1.0, 0.45
+        assert "20 pulses a second" in self.describe(channel)
+        channel[30:2000:50] = 0.55
+        assert "20 pulses a second" not in self.describe(channel)
+
+
+def test_deviation_is_that_of_a_normal_distribution():
+    values = norm.ppf((np.arange(20000) + 0.5) / 20000, 3.0, 0.5)
+    assert _estimate_deviation(values) == pytest.approx(0.5, rel=1e-4)
+    assert _estimate_deviation(np.zeros(0)) == 0

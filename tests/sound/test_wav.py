@@ -1,14 +1,12 @@
-"""Wav files and energy."""
+"""Sound in memory, and wav files."""
 
 import time
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from mocap_fit.errors import DataError, FileFormatError
-from mocap_fit.sound import Sound, energy_db, read_sound, write_sound
+from mocap_fit.sound import Sound, read_sound, write_sound
 
 
 @pytest.fixture
@@ -105,33 +103,3 @@ class TestFiles:
         with pytest.raises(FileFormatError, match="cannot be written"):
             write_sound(stereo, tmp_path / "none" / "a.wav")
         assert not list(tmp_path.iterdir())
-
-
-class TestEnergy:
-    def test_a_sine_of_full_scale(self):
-        sound = Sound(np.sin(2 * np.pi * 1000 * np.arange(16000) / 16000), 16000)
-        found = energy_db(sound, [0.0, 0.25, 0.5, 1.0])
-        np.testing.assert_allclose(found, 10 * np.log10(0.5), atol=0.1)
-
-    @given(factor=st.floats(0.01, 1.0))
-    def test_half_the_height_is_six_decibels_less(self, factor):
-        rng = np.random.default_rng(1)
-        sound = Sound(rng.uniform(-1, 1, 4000), 16000)
-        quieter = sound.replace(samples=factor * sound.samples)
-        difference = energy_db(quieter, [0.1]) - energy_db(sound, [0.1])
-        assert difference[0] == pytest.approx(20 * np.log10(factor), abs=1e-6)
-
-    def test_it_is_that_of_the_moment(self):
-        samples = np.zeros(16000)
-        samples[8000:] = 0.1
-        quiet, loud = energy_db(Sound(samples, 16000), [0.45, 0.55])
-        assert quiet == -100
-        assert loud == pytest.approx(-20, abs=1e-6)
-
-    def test_outside_the_sound_nothing_is_known(self):
-        found = energy_db(Sound(np.ones(1600), 16000), [-0.01, 0.05, 0.1, 0.11])
-        assert np.isnan(found).tolist() == [True, False, False, True]
-
-    def test_a_window_of_nothing_is_refused(self):
-        with pytest.raises(DataError, match="too short"):
-            energy_db(Sound(np.ones(100), 100), [0.5], window=0.001)
