@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import dataclasses
 import math
 from collections.abc import Callable
 
@@ -11,6 +12,9 @@ import numpy as np
 from mocap_fit.errors import DataError
 from mocap_fit.phones import PhoneSegment, PhoneSequence
 from mocap_fit.tracks import FloatArray
+
+# A start that is earlier than the last end by less than this, in seconds, is at it.
+_ROUNDING = 1e-9
 
 
 class Stream(abc.ABC):
@@ -53,12 +57,14 @@ class Stream(abc.ABC):
         """
         if self._ended:
             raise DataError("the utterance has ended: begin another stream")
-        if self._last is not None and segment.start < self._last.end - 1e-9:
-            raise DataError(
-                "the phones of a stream come in the order of time",
-                found=f"'{segment.phone}' from {segment.start} s",
-                expected=f"a start at {self._last.end} s or later",
-            )
+        if self._last is not None and segment.start < self._last.end:
+            if segment.start < self._last.end - _ROUNDING:
+                raise DataError(
+                    "the phones of a stream come in the order of time",
+                    found=f"'{segment.phone}' from {segment.start} s",
+                    expected=f"a start at {self._last.end} s or later",
+                )
+            segment = dataclasses.replace(segment, start=self._last.end)
         if self.start_time is None:
             self.start_time = segment.start
         self._last = segment

@@ -85,3 +85,16 @@ def corpus_of(sentences, phone_set="sv-sta", names=NAMES, start: float = 0.0, ra
 def made(name: str) -> control.ControlModel:
     """An untrained model in its small form."""
     return control.create(name, **SETTINGS.get(name, {}))
+
+
+def noisy(seed: int = 2) -> Corpus:
+    """A corpus of four phones whose one parameter is noise, so that free parameters go far."""
+    rng = np.random.default_rng(seed)
+    chosen = load_phone_set("sv-sta").select(["sil", "S", "T", "A:"])
+    utterances = []
+    for number, sentence in enumerate(("sil S 'A: sil", "sil T 'A: S sil")):
+        phones = spoken(sentence, number)
+        values = rng.normal(size=(int(phones[-1].end * 60), 1))
+        tracks = ParameterTracks(("noise",), 60.0, values, name=phones.name)
+        utterances.append(Utterance.from_tracks(tracks, phones))
+    return Corpus.from_utterances(utterances, chosen)

@@ -5,13 +5,15 @@ import math
 
 import numpy as np
 import pytest
-from control_cases import corpus_of, spoken
+from control_cases import corpus_of, noisy, spoken
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mocap_fit import control
 from mocap_fit.control import cohen_massaro, dominance
 from mocap_fit.control.dominance import Frames
+from mocap_fit.control.symbols import Symbols
+from mocap_fit.control.training import load_utterances
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.phones import PhoneSegment, PhoneSequence, load_phone_set
@@ -294,3 +296,158 @@ def test_dominances_are_there_for_a_figure(trained, new_phones):
 def test_impossible_settings_are_refused(wrong):
     with pytest.raises(ConfigurationError, match=next(iter(wrong))):
         control.create("cohen-massaro", **wrong).fit(corpus_of(["sil 'A: sil"]))
+
+
+# -- the start, and the penalty on the distance from it ----------------------------------------
+
+START = np.array([0.0, 0.3, 0.3, 0.2])
+
+
+def residuals_of(corpus, column=0):
+    """The errors of one parameter, its symbols, and what they are made of."""
+    symbols = Symbols.from_corpus(corpus, True)
+    data = load_utterances(corpus, symbols)
+    frames = [cohen_massaro._prepare_frames(each) for each in data]
+    track = cohen_massaro.TrackResiduals(data, frames, column, len(symbols))
+    return track, symbols, data, np.concatenate([each.values[:, column] for each in data])
+
+
+def shares_of(free, data, phones):
+    """The dominances of every frame as shares of their sum, by the paper: `(frames, phones)`."""
+    rows = []
+    for each in data:
+        centres = 0.5 * (each.phones.starts + each.phones.ends)
+        for time in each.times:
+            row = np.zeros(phones)
+            for position, centre in zip(each.positions, centres, strict=True):
+                _, alpha, theta, phi, c = free[position]
+                apart = 10 * abs(time - centre)
+                slope = theta if time < centre else phi
+                row[position] += math.exp(alpha - math.exp(slope) * apart ** math.exp(c))
+            rows.append(row / row.sum())
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("l2", [0.0, 0.7, 40.0])
+def test_targets_begin_at_the_best_for_the_first_dominances(small_corpus, l2):
+    track, symbols, data, values = residuals_of(small_corpus)
+    start = np.tile([0.0, *START], (len(symbols), 1))
+    shares = shares_of(start, data, len(symbols))
+    least = max(l2, 1e-6 * np.max(np.sum(shares**2, axis=0)))
+    wanted = np.linalg.solve(
+        shares.T @ shares + least * np.eye(len(symbols)), shares.T @ values + least * values.mean()
+    )
+    np.testing.assert_allclose(track.fit_targets(start, l2), wanted, rtol=1e-6, atol=1e-7)
+    unseen = ~symbols.seen
+    np.testing.assert_allclose(track.fit_targets(start, l2)[unseen], values.mean())
+
+
+def test_the_penalty_is_in_frames_of_the_parameter(small_corpus):
+    track, symbols, _, values = residuals_of(small_corpus)
+    penalty = cohen_massaro._build_penalty(track, 2.5)
+    starts = penalty.start.reshape(-1, 5)
+    np.testing.assert_array_equal(starts[:, 1:], np.tile(START, (len(symbols), 1)))
+    np.testing.assert_allclose(starts[:, 0], track.fit_targets(starts, 2.5))
+    # A target that is a unit off, or a logarithm that is 1 off for a deviation.
+    weights = np.tile([1.0, *[values.std() ** 2] * 4], (len(symbols), 1))
+    np.testing.assert_allclose(penalty.weights.reshape(-1, 5), 2.5 * weights)
+    point = penalty.start + 2.0
+    assert penalty.cost(point) == pytest.approx(4.0 * 2.5 * weights.sum())
+    equations = track.compute_equations(point)
+    both = penalty.add_to(equations, point)
+    np.testing.assert_allclose(both.hessian - equations.hessian, np.diag(2.5 * weights.ravel()))
+    np.testing.assert_allclose(both.gradient - equations.gradient, 2.0 * 2.5 * weights.ravel())
+    assert both.cost - equations.cost == pytest.approx(penalty.cost(point))
+
+
+def test_a_training_ends_where_errors_and_penalty_balance():
+    corpus = noisy()
+    model = control.create("cohen-massaro", l2=0.3, tol=0.0, max_iter=300).fit(corpus)
+    track, symbols, _, values = residuals_of(corpus)
+    free = model.free_[0].copy()
+    free[:, 2:4] += np.exp(free[:, 4:]) * math.log(0.1)
+    start = np.tile([0.0, *START], (len(symbols), 1))
+    start[:, 0] = track.fit_targets(start, 0.3)
+    weights = 0.3 * np.array([1.0, *[values.std() ** 2] * 4])
+    slopes = track.compute_equations(free.ravel()).gradient.reshape(-1, 5)
+    inside = (free > [-99, -12, -8, -8, -1.6]) & (free < [99, 12, 6, 6, 1.4])
+    assert np.count_nonzero(inside) > 20
+    assert np.abs(weights * (free - start))[inside].max() > 0.1
+    assert np.abs(slopes + weights * (free - start))[inside].max() < 1e-3
+    # A phone that the corpus lacks stays where it began.
+    assert not symbols.seen.all()
+    np.testing.assert_allclose(free[~symbols.seen], start[~symbols.seen], atol=1e-12)
+
+
+def test_a_strong_penalty_leaves_the_start(small_corpus):
+    model = control.create("cohen-massaro", l2=1e12).fit(small_corpus)
+    learned = model.get_free_parameters()
+    np.testing.assert_allclose(learned["alpha"], 1.0, rtol=1e-6)
+    np.testing.assert_allclose(learned["c"], math.exp(0.2), rtol=1e-6)
+    # In seconds: exp(0.3) (10 t)^c.
+    for name in ("theta", "phi"):
+        np.testing.assert_allclose(learned[name], math.exp(0.3) * 10 ** math.exp(0.2), rtol=1e-5)
+    values = np.concatenate([u.read_tracks().values for u in small_corpus])
+    wanted = np.tile(values.mean(axis=0)[:, None], (1, learned["target"].shape[1]))
+    np.testing.assert_allclose(learned["target"], wanted, atol=1e-6)
+
+
+def test_missing_values_count_neither_in_the_scale_nor_in_the_equations(small_corpus):
+    utterance = small_corpus.utterances[0]
+    values = utterance.read_tracks().values.copy()
+    values[3:9, 0] = np.nan
+    tracks = utterance.read_tracks().replace(values=values)
+    holes = Corpus.from_utterances(
+        [Utterance.from_tracks(tracks, utterance.read_phones())], "sv-sta"
+    )
+    track, symbols, data, column = residuals_of(holes)
+    there = np.isfinite(column)
+    assert track.count == np.count_nonzero(there) == len(column) - 6
+    assert track.std == pytest.approx(np.nanstd(column))
+    free = np.tile([0.1, *START], (len(symbols), 1))
+    errors = (shares_of(free, data, len(symbols)) @ free[:, 0] - column)[there]
+    assert track.cost(free.ravel()) == pytest.approx(errors @ errors)
+    assert track.compute_equations(free.ravel()).cost == pytest.approx(errors @ errors)
+
+
+def test_the_scale_of_what_does_not_move_or_is_not_there_is_1(small_corpus):
+    utterance = small_corpus.utterances[0]
+    for value in (0.25, np.nan):
+        tracks = utterance.read_tracks().replace(
+            values=np.full_like(utterance.read_tracks().values, value)
+        )
+        corpus = Corpus.from_utterances(
+            [Utterance.from_tracks(tracks, utterance.read_phones())], "sv-sta"
+        )
+        assert residuals_of(corpus)[0].std == 1.0
+
+
+def test_dominances_are_shares_of_the_largest_alpha(trained, new_phones):
+    model = trained("cohen-massaro")
+    centres = 0.5 * (new_phones.starts + new_phones.ends)
+    column = model.parameter_names_.index("lip_rounding")
+    learned = model.get_free_parameters()
+    positions = model.symbols_.indices(new_phones)
+    alpha, theta, phi, c = (learned[k][column][positions] for k in ("alpha", "theta", "phi", "c"))
+    times = np.array([centres[2] - 0.03, centres[2] + 0.04])
+    apart = times[:, None] - centres
+    slopes = np.where(apart < 0, theta, phi)
+    wanted = alpha * np.exp(-slopes * np.abs(apart) ** c)
+    wanted /= learned["alpha"][column][model.symbols_.seen].max()
+    result = model.compute_dominances(new_phones, times, "lip_rounding")
+    np.testing.assert_allclose(result, wanted, rtol=1e-9)
+    long = spoken("sil " + "M 'A: " * 50, 3)
+    last = np.array([long[-1].end])
+    with pytest.raises(DataError, match=r"too many segments.*101.*100 at most"):
+        model.compute_dominances(long, last, "lip_rounding")
+    short = long.replace(segments=tuple(long)[:100])
+    assert model.compute_dominances(short, last, "lip_rounding").shape == (1, 100)
+
+
+def test_free_parameters_go_to_their_bounds_and_no_farther():
+    model = control.create("cohen-massaro", l2=0.0, tol=0.0, max_iter=200).fit(noisy())
+    free = model.free_[0].copy()
+    free[:, 2:4] += np.exp(free[:, 4:]) * math.log(0.1)
+    for columns, lower, upper in (([1], -12, 12), ([2, 3], -8, 6), ([4], -1.6, 1.4)):
+        assert free[:, columns].min() == pytest.approx(lower)
+        assert free[:, columns].max() == pytest.approx(upper)

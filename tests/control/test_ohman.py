@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from control_cases import corpus_of, spoken
+from control_cases import corpus_of, noisy, spoken
 
 from mocap_fit import control
 from mocap_fit.control.blending import compute_blends, find_peaks, smoothstep
 from mocap_fit.control.levenberg_marquardt import NormalEquations, minimise
 from mocap_fit.control.ohman import BlendResiduals
 from mocap_fit.control.symbols import Symbols
-from mocap_fit.control.training import load_utterances
+from mocap_fit.control.training import compute_phone_means, load_utterances
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.phones import PhoneSegment, PhoneSequence, load_phone_set
@@ -232,3 +232,67 @@ def test_minimise_stays_between_its_bounds_and_finds_the_least_there():
     errors = [error for _, error in path]
     assert [iteration for iteration, _ in path] == list(range(len(path)))
     assert errors == sorted(errors, reverse=True)
+
+
+def test_targets_go_to_their_bounds_and_no_farther():
+    # The consonant adds the same to either vowel: w (T - 1) = w (T + 1), so w goes to 0.
+    utterances = []
+    for number, (sentence, level) in enumerate((("'A: S 'A:", 1.0), ("'I: S 'I:", -1.0))):
+        phones = spoken(sentence, number)
+        times = np.arange(int(phones[-1].end * 200)) / 200
+        before, at, after = phones.starts + 0.5 * (phones.ends - phones.starts)
+        bump = np.interp(times, [before, at, after], [0.0, 0.5, 0.0])
+        tracks = ParameterTracks(("x",), 200.0, (level + bump)[:, None], name=phones.name)
+        utterances.append(Utterance.from_tracks(tracks, phones))
+    corpus = Corpus.from_utterances(utterances, "sv-sta")
+    model = control.create("ohman", l2=0.0, tol=0.0, max_iter=200).fit(corpus)
+    values = np.concatenate([u.read_tracks().values for u in corpus])
+    farthest = np.abs(values - values.mean()).max()
+    consonant = model.symbols_.index("S")
+    assert model.targets_[0, consonant] == pytest.approx(values.mean() + 2.0 * farthest)
+    assert 0.1 < model.factors_[0, consonant] < 0.3
+    np.testing.assert_allclose(model.middle_, values.mean())
+
+
+def test_a_strong_penalty_leaves_the_start(small_corpus):
+    model = control.create("ohman", l2=1e12, pause=None).fit(small_corpus)
+    learned = model.get_free_parameters()
+    vowels = model.symbols_.are_vowels
+    np.testing.assert_allclose(learned["w"][:, ~vowels], 0.5, atol=1e-6)
+    data = load_utterances(small_corpus, model.symbols_)
+    means = compute_phone_means(data, len(model.symbols_))
+    np.testing.assert_allclose(learned["target"], means.T, atol=1e-6)
+
+
+def test_a_training_ends_where_errors_and_penalty_balance():
+    corpus = noisy()
+    model = control.create("ohman", l2=0.4, tol=0.0, max_iter=300, pause=None).fit(corpus)
+    symbols = model.symbols_
+    data = load_utterances(corpus, symbols)
+    track = BlendResiduals.from_utterances(data, model._stack_blends(data), 0)
+    values = track.values
+    start = compute_phone_means(data, len(symbols))[:, 0]
+    point = np.concatenate([model.targets_[0] - values.mean(), model.factors_[0]])
+    apart = np.concatenate(
+        [model.targets_[0] - start, model.factors_[0] - np.where(symbols.are_vowels, 0.0, 0.5)]
+    )
+    weights = 0.4 * np.repeat([1.0, values.std() ** 2], len(symbols))
+    equations = track.subtract(values.mean()).compute_equations(point)
+    factors = point[len(symbols) :]
+    inside = np.concatenate([np.ones(len(symbols), bool), (factors > 0) & (factors < 1)])
+    assert np.abs(weights * apart)[inside].max() > 1e-2
+    assert np.abs(equations.gradient + weights * apart)[inside].max() < 1e-5
+
+
+def test_a_constant_parameter_has_a_penalty_on_its_factors():
+    corpus = noisy()
+    utterances = [
+        Utterance.from_tracks(
+            u.read_tracks().replace(values=np.full_like(u.read_tracks().values, 0.5)),
+            u.read_phones(),
+        )
+        for u in corpus
+    ]
+    model = control.create("ohman").fit(Corpus.from_utterances(utterances, corpus.phone_set))
+    np.testing.assert_allclose(model.targets_, 0.5)
+    np.testing.assert_allclose(model.factors_[:, ~model.symbols_.are_vowels], 0.5)
