@@ -19,8 +19,8 @@ from mocap_fit.face import load_face
 from mocap_fit.fitting import load_layout
 from mocap_fit.fitting.layout import list_layouts
 from mocap_fit.io import write_qualisys_tsv
-from mocap_fit.labels import Label, Labels, Tier, write_labels
-from mocap_fit.phones import PhoneSequence, PhoneSet
+from mocap_fit.labels import to_labels, write_labels
+from mocap_fit.phones import PhoneSequence
 from mocap_fit.tracks import ParameterTracks, write_parquet
 
 if TYPE_CHECKING:
@@ -189,7 +189,7 @@ class _Takes:
         pulses = sync_pulses(times, len(speech), speech.rate)
         both = Sound(np.stack([speech.get_channel(1), pulses], axis=1), speech.rate)
         write_sound(both, out / "sound" / f"{name}.wav")
-        labels = _labels(phones, self.language.phone_set, speech.duration)
+        labels = to_labels(phones, speech.duration, self.language.phone_set)
         write_labels(labels, out / "labels" / f"{name}.TextGrid")
         clock = {
             "start_time": before,
@@ -268,22 +268,6 @@ reference = "reference.tsv"
 id = "{SESSION}"
 speaker = "{SPEAKER}"
 """
-
-
-def _labels(phones: PhoneSequence, phone_set: PhoneSet, end: float) -> Labels:
-    """The tiers of a TextGrid."""
-    segments = [Label(s.start, s.end, phone_set.get_symbol(s)) for s in phones]
-    words: list[Label] = []
-    before = None
-    for segment in phones:
-        # A word said twice in a row is two words: each begins with a phone that says so.
-        if words and segment.word and segment.word == before and words[-1].end == segment.start:
-            words[-1] = Label(words[-1].start, segment.end, segment.word)
-        else:
-            words.append(Label(segment.start, segment.end, segment.word))
-        before = segment.word
-    tiers = (Tier("words", tuple(words)), Tier("phones", tuple(segments)))
-    return Labels(tiers, 0.0, end, name=phones.name)
 
 
 def _session(
