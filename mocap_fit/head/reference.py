@@ -17,6 +17,8 @@ from mocap_fit.tracks.robust import RigidFit, sample_evenly
 
 # Reference and recording must agree in size within this factor, or a unit is wrong.
 _LARGEST_RATIO = 2.0
+# Powers of ten of a millimetre.
+_UNITS = {1: "centimetres", 2: "decimetres", 3: "metres"}
 # A residual above this part of the set's length means another shape, not noise.
 _LARGEST_RESIDUAL = 0.1
 # Largest number of frames whose sizes are compared.
@@ -325,10 +327,10 @@ def check_sizes(names: Sequence[str], shape: FloatArray, positions: FloatArray) 
             advice="Check the export of the recording, and the marker names.",
         )
     advice = "Check that both are of the same speaker and in millimetres."
-    for factor, unit in ((1000.0, "metres"), (100.0, "decimetres"), (10.0, "centimetres")):
-        for value, what in ((1 / ratio, "recording"), (ratio, "reference pose")):
-            if factor / 2 < value < factor * 2:
-                advice = f"It seems that the {what} is in {unit}: convert it to millimetres."
+    power = round(np.log10(ratio))
+    if abs(power) in _UNITS:
+        what, unit = "reference pose" if power > 0 else "recording", _UNITS[abs(power)]
+        advice = f"It seems that the {what} is in {unit}: convert it to millimetres."
     raise DataError(
         "recording and reference pose differ in size",
         found=f"distances in the recording are {ratio:.4g} times those of the reference pose",
