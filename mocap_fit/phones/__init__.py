@@ -12,9 +12,10 @@ from mocap_fit.phones.phone import (
     QUESTION_CLASSES,
     Phone,
 )
-from mocap_fit.phones.phone_set import PhoneSet, StressMarks
+from mocap_fit.phones.phone_set import PhoneSet
 from mocap_fit.phones.set_file import list_phone_sets, load_phone_set
 from mocap_fit.phones.storage import read_stored_phones, write_phones
+from mocap_fit.phones.stress import StressMarks
 from mocap_fit.phones.types import PhoneSegment, PhoneSequence
 
 __all__ = [

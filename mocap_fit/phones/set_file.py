@@ -16,7 +16,8 @@ from mocap_fit.phones.phone import (
     VOWEL_FEATURES,
     Phone,
 )
-from mocap_fit.phones.phone_set import PhoneSet, StressMarks
+from mocap_fit.phones.phone_set import PhoneSet
+from mocap_fit.phones.stress import StressMarks
 from mocap_fit.settings_file import StrictModel, list_shipped, load_settings
 
 _Share = Annotated[float, Field(ge=0, le=1)]
