@@ -131,7 +131,7 @@ def made_corpus(utterances: int) -> Corpus:
 def simulated_corpus(utterances: int) -> Corpus:
     """Simulate what `mocap-fit simulate` says and moves, without its markers."""
     from corpus_tools.simulation.articulation import Articulator
-    from corpus_tools.simulation.durations import spoken
+    from corpus_tools.simulation.durations import time_words
     from corpus_tools.simulation.sentences import load_language
     from mocap_fit.face import load_face
 
@@ -139,9 +139,9 @@ def simulated_corpus(utterances: int) -> Corpus:
     rng = np.random.default_rng(SEED)
     articulator = Articulator(face, language.phone_set, rng)
     found = []
-    for number, sentence in enumerate(language.sentences(utterances, rng)):
+    for number, sentence in enumerate(language.draw_sentences(utterances, rng)):
         name = f"s{number:04d}"
-        phones = spoken(sentence.words, language.phone_set, rng, name=name, start=0.2, end=0.2)
+        phones = time_words(sentence.words, language.phone_set, rng, name=name, start=0.2, end=0.2)
         times = np.arange(int(phones.duration * RATE)) / RATE
         values = articulator.say(phones, times, rng)
         values += rng.normal(0, NOISE, values.shape)

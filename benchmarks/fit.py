@@ -38,7 +38,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares, minimize
 
-from corpus_tools.simulation import Conditions, Session, gesture
+from corpus_tools.simulation import Conditions, Session, draw_gesture
 from mocap_fit.face import Mesh, Part, load_face
 from mocap_fit.face.builtin import load_built_in_head
 from mocap_fit.face.rig import CompiledRig, Kind
@@ -177,7 +177,9 @@ def make_problem(frames: int, binding: Binding | None = None) -> Problem:
         binding = Session(layout, load_face(), Conditions(noise=0.0, drop_outs=0.0)).binding
     rng = np.random.default_rng(SEED)
     count = len(binding.parameter_names)
-    truth = np.stack([gesture(rng, frames, RATE, 3.0, -0.2, 0.9) for _ in range(count)], axis=1)
+    truth = np.stack(
+        [draw_gesture(rng, frames, RATE, 3.0, -0.2, 0.9) for _ in range(count)], axis=1
+    )
     markers = NumpyMarkers(binding)
     for values in truth[:3]:
         np.testing.assert_allclose(markers(values).T, binding.evaluate(values)[0], atol=1e-9)

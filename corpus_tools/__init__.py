@@ -24,7 +24,7 @@ _HOMES: dict[str, str] = {
     "info": "corpus_tools.inspection.info",
     "prepare_voices": "corpus_tools.talking.prepare_voices",
     "select_sentences": "corpus_tools.conversion.select_sentences",
-    "simulate": "corpus_tools.simulation.writing",
+    "simulate": "corpus_tools.simulation.simulate",
     "speak": "corpus_tools.talking.speak",
     "stream": "corpus_tools.talking.stream",
     "sweep_look_ahead": "corpus_tools.training.train",
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from corpus_tools.conversion.select_sentences import select_sentences as select_sentences
     from corpus_tools.demonstration.demo import demo as demo
     from corpus_tools.inspection.info import info as info
-    from corpus_tools.simulation.writing import simulate as simulate
+    from corpus_tools.simulation.simulate import simulate as simulate
     from corpus_tools.talking.export import export as export
     from corpus_tools.talking.prepare_voices import prepare_voices as prepare_voices
     from corpus_tools.talking.speak import speak as speak

@@ -37,7 +37,7 @@ def measure(
     conditions = Conditions(noise=noise, duration=seconds)
     session = Session(load_layout(LAYOUT), wearer or face, conditions)
     first, second = np.random.default_rng(7).spawn(2)
-    speaker = fit_speaker(face, LAYOUT, session.reference(first))
+    speaker = fit_speaker(face, LAYOUT, session.record_reference(first))
     made = session.record(second, "sim")
     fitted = speaker.fit(made.recording, objective=objective)
     fit, motion = fitted.shape, fitted.head_motion

@@ -26,7 +26,7 @@ FOUND, PLACE = "found", "place"
 VERBS = frozenset(
     """
     abort accept accumulate activate adapt add adjust advance aggregate align allocate analyse
-    annotate answer append apply approximate arrange assemble assert assign attach average
+    annotate answer append apply approximate arrange assemble assert assign assimilate attach average
     backpropagate begin bend bind blend blink bound break bring broadcast build
     calculate call cancel cap capture carry cast catch change check choose clamp clean clear
     clip clone close collect color colour combine compare compile complete compose compute
@@ -48,7 +48,7 @@ VERBS = frozenset(
     lock log look lower
     make map mark mask match maximise measure mend merge minimise mirror mix mount move multiply
     name narrow need normalise note notify number
-    offset omit open optimise order orient override overlap
+    observe offset omit open optimise order orient override overlap
     pack pad paint pair parse partition pass paste perturb pick place plan plant play plot point
     pool pop populate position post postpone predict prepare print process produce project
     promote propagate prune pull push put
@@ -60,7 +60,7 @@ VERBS = frozenset(
     sample save say scale scan scatter score search seek segment select send separate serialise
     serve set shade shape share shift shorten show shrink simplify simulate skip slice smooth
     sniff solve sort speak split spread stack standardise start state step stop store stream
-    stretch strip submit subtract suggest sum summarise suppress swap sweep synchronise
+    stress stretch strip submit subtract suggest sum summarise suppress swap sweep synchronise
     synthesise
     take talk taper terminate test throw tidy tie time title trace track train transform
     translate transpose traverse triangulate trim truncate try turn
@@ -91,7 +91,6 @@ PENDING = (
     "corpus_tools/conversion",
     "corpus_tools/demo",
     "corpus_tools/inspection",
-    "corpus_tools/simulation",
     "corpus_tools/talking",
     "corpus_tools/training",
     "corpus_tools/validation",

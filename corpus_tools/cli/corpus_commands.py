@@ -320,7 +320,7 @@ def simulate(
     from corpus_tools import simulation
 
     spoken = simulation.Spoken(
-        arguments.check_choice(lang or "sv", simulation.languages(), "--lang"),
+        arguments.check_choice(lang or "sv", simulation.list_languages(), "--lang"),
         arguments.check_choice(durations or "model", simulation.DURATIONS, "--durations"),  # type: ignore[arg-type]
         drift,
     )

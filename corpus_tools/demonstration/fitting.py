@@ -131,6 +131,7 @@ def _simulate(out: Path, seed: int, conditions: Conditions, progress: TaskProgre
             layout=LAYOUT,
             conditions=conditions,
             head=head,
+            spoken=None,
             progress=advance,
         )
 

@@ -5,26 +5,27 @@ espeak-ng, articulation by overlapping gestures (`articulation`), a sound that f
 (`speech_sound`), and a speaker with markers on (`session`).
 """
 
-from corpus_tools.simulation.sentences import languages
+from corpus_tools.simulation.sentences import list_languages
 from corpus_tools.simulation.session import (
     OTHER_SPEAKER,
     Conditions,
     Session,
     Simulation,
-    gesture,
-    marker_places,
+    draw_gesture,
+    locate_markers,
 )
-from corpus_tools.simulation.writing import DURATIONS, Spoken, simulate
+from corpus_tools.simulation.simulate import DURATIONS, SimulatedCorpus, Spoken, simulate
 
 __all__ = [
     "DURATIONS",
     "OTHER_SPEAKER",
     "Conditions",
     "Session",
+    "SimulatedCorpus",
     "Simulation",
     "Spoken",
-    "gesture",
-    "languages",
-    "marker_places",
+    "draw_gesture",
+    "list_languages",
+    "locate_markers",
     "simulate",
 ]

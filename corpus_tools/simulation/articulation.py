@@ -15,11 +15,24 @@ from functools import cache
 import numpy as np
 from pydantic import Field
 
-from corpus_tools.simulation.dynamics import JAW, LOWER, UPPER, LipDistance, Pull, move
-from corpus_tools.simulation.session import gesture as wandering
-from corpus_tools.simulation.traits import Rule, Strict, load_table, plain_sound, traits
+from corpus_tools.simulation.dynamics import (
+    JAW,
+    LOWER,
+    UPPER,
+    LipDistance,
+    MotionTargets,
+    simulate_motion,
+)
+from corpus_tools.simulation.session import draw_gesture
+from corpus_tools.simulation.traits import (
+    Rule,
+    get_plain_sound,
+    get_traits,
+    load_table,
+)
 from mocap_fit.face import Rig
 from mocap_fit.phones import PhoneSegment, PhoneSequence, PhoneSet
+from mocap_fit.settings_file import StrictModel
 from mocap_fit.tracks import FloatArray
 
 # Steps a second of the simulation, and how long a gesture takes to be all there or all gone.
@@ -36,7 +49,7 @@ _LEFT, _RIGHT, _SHIFT = "left_corner_stretch", "right_corner_stretch", "jaw_shif
 Sum = float | dict[str, float]
 
 
-class _Lips(Strict):
+class _Lips(StrictModel):
     distance: float
     share: float
 
@@ -53,31 +66,31 @@ class _Gesture(Rule):
     lips: _Lips | None = None
 
 
-class _Neutral(Strict):
+class _Neutral(StrictModel):
     stiffness: float
     strength: float
     targets: dict[str, float]
 
 
-class _SpeakerNoise(Strict):
+class _SpeakerNoise(StrictModel):
     left_right: float
     jaw_shift_habit: float
     setting: float
 
 
-class _UtteranceNoise(Strict):
+class _UtteranceNoise(StrictModel):
     effort: float
     haste: float
     slow: float
     jaw_shift: float
 
 
-class _WordNoise(Strict):
+class _WordNoise(StrictModel):
     emphasis: float
     declination: float
 
 
-class _GestureNoise(Strict):
+class _GestureNoise(StrictModel):
     extent: float
     target: float
     timing: float
@@ -86,16 +99,16 @@ class _GestureNoise(Strict):
     left_right: float
 
 
-class _Resistance(Strict):
+class _Resistance(StrictModel):
     factor: float
 
 
-class _Diphthongs(Strict):
+class _Diphthongs(StrictModel):
     turn: float
     ends: dict[str, dict[str, dict[str, float]]]
 
 
-class Articulation(Strict):
+class Articulation(StrictModel):
     """The table ``articulation.toml``."""
 
     neutral: _Neutral
@@ -111,8 +124,14 @@ class Articulation(Strict):
 
 @cache
 def load_articulation() -> Articulation:
-    """Read the shipped table."""
-    return load_table("articulation.toml", Articulation)
+    """Load the table that comes with the simulation.
+
+    Returns
+    -------
+    Articulation
+        The gestures of all phones, and how much they vary.
+    """
+    return load_table("articulation", Articulation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,18 +148,18 @@ class _Active:
 
 
 class Articulator:
-    """A speaker's mouth.
+    """The articulation of a simulated speaker.
 
     Parameters
     ----------
     face
         The speaker's face.
     phone_set
-        What the phones are from.
+        The phone set of what is said.
     rng
-        Of the speaker's habits.
+        Generator of the speaker's habits.
     table
-        The shipped one where not given.
+        The gestures; those that come with the simulation where it is None.
     """
 
     def __init__(
@@ -155,7 +174,7 @@ class Articulator:
         self._bounds = face.bounds
         self._set = phone_set
         self._traits: dict[str, dict[str, float]] = {}
-        self._lips = LipDistance.of(face)
+        self._lips = LipDistance.from_face(face)
         noise = self.table.speaker
         self._left_right = noise.left_right * float(np.clip(rng.standard_normal(), -2, 2))
         side = 1.0 if rng.random() < 0.5 else -1.0
@@ -164,26 +183,26 @@ class Articulator:
         self._setting = noise.setting * rng.standard_normal(len(self.names))
 
     def say(self, phones: PhoneSequence, times: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Move the face.
+        """Return the parameters of the face that says an utterance.
 
         Parameters
         ----------
         phones
-            Of the set, with silence before and after.
+            The utterance, with silence before and after.
         times
-            `(frames,)`, seconds on the clock of the phones.
+            Times of the frames, ``(frames,)``, seconds on the clock of the phones.
         rng
-            Of what varies from utterance to utterance and from gesture to gesture.
+            Generator of what varies from utterance to utterance and from gesture to gesture.
 
         Returns
         -------
-        FloatArray
-            `(frames, parameters)`, within the face's bounds.
+        ndarray
+            Parameters, ``(frames, parameters)``, full gestures, within the face's bounds.
         """
         first = min(float(times[0]), phones[0].start) - 0.1
         last = max(float(times[-1]), phones[len(phones) - 1].end) + 0.1
         clock = first + np.arange(int(np.ceil((last - first) * _RATE)) + 1) / _RATE
-        values = move(self._pull(phones, clock, rng), self.names, self._lips)
+        values = simulate_motion(self._collect_targets(phones, clock, rng), self.names, self._lips)
         corners = [self.names.index(name) for name in (_LEFT, _RIGHT)]
         values[:, corners] *= 1.0 + self._left_right * np.array([1.0, -1.0])
         shift = self.names.index(_SHIFT)
@@ -191,7 +210,9 @@ class Articulator:
         seen = np.stack([np.interp(times, clock, column) for column in values.T], axis=1)
         return np.asarray(np.clip(seen, *self._bounds.T))
 
-    def _pull(self, phones: PhoneSequence, clock: FloatArray, rng: np.random.Generator) -> Pull:
+    def _collect_targets(
+        self, phones: PhoneSequence, clock: FloatArray, rng: np.random.Generator
+    ) -> MotionTargets:
         table, names = self.table, self.names
         steps, count = len(clock), len(names)
         varies = table.utterance
@@ -202,30 +223,32 @@ class Articulator:
         stiff = weights * table.neutral.stiffness
         free = np.ones((steps, 2))
         lips = np.zeros((steps, 4))
-        emphasis = self._emphasis(phones, rng)
-        for active in self._gestures(phones):
+        emphasis = self._draw_emphasis(phones, rng)
+        for active in self._list_gestures(phones):
             gesture, noise = active.gesture, _Noise(rng, table)
             moves = noise.onset, noise.offset
             stiffness = gesture.stiffness * haste * noise.stiffness
             for name, target in gesture.targets.items():
                 index = names.index(name)
-                early = self._anticipated(phones, active, name)
-                part, activation = _activation(clock, active, early, moves)
+                early = self._find_onset(phones, active, name)
+                part, activation = _compute_activation(clock, active, early, moves)
                 strength = gesture.strength * (
                     table.resistance.factor if name in active.strong else 1.0
                 )
-                goal = _sum(target, active.traits)
+                goal = _evaluate_target(target, active.traits)
                 if not active.traits["silence"]:
                     neutral = self._neutral[index]
                     extent = active.extent * effort * emphasis[active.phone] * noise.extent
                     goal = neutral + (goal - neutral) * extent
-                    goal += noise.target(name)
+                    goal += noise.get_offset(name)
                 pull = strength * activation
                 weights[part, index] += pull
                 sums[part, index] += pull * goal
                 stiff[part, index] += pull * stiffness
             if gesture.lips is not None:
-                part, activation = _activation(clock, active, active.start, moves, _LIPS_RAMP)
+                part, activation = _compute_activation(
+                    clock, active, active.start, moves, _LIPS_RAMP
+                )
                 pull = gesture.strength * activation
                 share = gesture.lips.share
                 # Lips that are to close do, whatever the noise.
@@ -238,7 +261,9 @@ class Articulator:
         slow = np.stack(
             [
                 np.interp(
-                    clock, coarse, wandering(rng, len(coarse), _SLOW_RATE, _SLOW, -extent, extent)
+                    clock,
+                    coarse,
+                    draw_gesture(rng, len(coarse), _SLOW_RATE, _SLOW, -extent, extent),
                 )
                 for extent in (varies.jaw_shift if n == _SHIFT else varies.slow for n in names)
             ],
@@ -247,30 +272,30 @@ class Articulator:
         stiff /= weights
         distance, share, stiffer = (lips[:, 1:] / np.maximum(lips[:, :1], 1e-12)).T
         for i, name in enumerate((UPPER, LOWER)):
-            own = stiff[:, names.index(name)]
-            own += (1.0 - free[:, i]) * (stiffer - own)
-        return Pull(1.0 / _RATE, sums / weights + slow, stiff, 1.0 - free, distance, share)
+            row = stiff[:, names.index(name)]
+            row += (1.0 - free[:, i]) * (stiffer - row)
+        return MotionTargets(1.0 / _RATE, sums / weights + slow, stiff, 1.0 - free, distance, share)
 
-    def _emphasis(self, phones: PhoneSequence, rng: np.random.Generator) -> list[float]:
-        """How far each phone's gestures go for its word's sake: more weight, or less."""
+    def _draw_emphasis(self, phones: PhoneSequence, rng: np.random.Generator) -> list[float]:
+        """Draw the factor of the extent of each phone's gestures by the emphasis of its word."""
         noise = self.table.word
-        factor, found = 1.0, []
+        factor, factors = 1.0, []
         for i, segment in enumerate(phones):
             if i == 0 or segment.word != phones[i - 1].word:
                 factor = float(np.exp(noise.emphasis * np.clip(rng.standard_normal(), -2, 2)))
-            place = (segment.centre - phones[0].start) / phones.duration
-            found.append(factor * (1.0 - noise.declination * (place - 0.5)))
-        return found
+            position = (segment.centre - phones[0].start) / phones.duration
+            factors.append(factor * (1.0 - noise.declination * (position - 0.5)))
+        return factors
 
-    def _gestures(self, phones: PhoneSequence) -> Iterator[_Active]:
-        """All gestures of an utterance, phone by phone."""
+    def _list_gestures(self, phones: PhoneSequence) -> Iterator[_Active]:
+        """Yield all gestures of an utterance, phone by phone."""
         reduction = self.table.reduction.get(self._set.language, 1.0)
         for i, segment in enumerate(phones):
             phone = self._set.get_phone(segment)
             strong = phone.resists or frozenset()
-            for start, end, found in self._parts(segment):
+            for start, end, traits in self._split_phone(segment):
                 for gesture in self.table.gestures:
-                    if not gesture.holds(found):
+                    if not gesture.is_met_by(traits):
                         continue
                     lead = gesture.lead if start == segment.start else _GLIDE_LEAD
                     tail = gesture.tail if end == segment.end else 0.0
@@ -284,45 +309,50 @@ class Articulator:
                         continue
                     less = (1.0 - gesture.reduced) * reduction
                     extent = 1.0 - less * {None: 1.0, 0: 1.0, 2: 0.5}.get(segment.stress, 0.0)
-                    yield _Active(gesture, found, i, begin, stop, extent, strong)
+                    yield _Active(gesture, traits, i, begin, stop, extent, strong)
 
-    def _parts(self, segment: PhoneSegment) -> Iterator[tuple[float, float, dict[str, float]]]:
-        """The stretches of a phone with a target of their own: two of a diphthong."""
-        found = self._traits_of(segment)
-        ends = self.table.diphthongs.ends.get(plain_sound(self._set.get_phone(segment)))
+    def _split_phone(
+        self, segment: PhoneSegment
+    ) -> Iterator[tuple[float, float, dict[str, float]]]:
+        """Yield the parts of a phone that have a target each: two of a diphthong."""
+        traits = self._get_traits(segment)
+        ends = self.table.diphthongs.ends.get(get_plain_sound(self._set.get_phone(segment)))
         if ends is None:
-            yield segment.start, segment.end, found
+            yield segment.start, segment.end, traits
             return
         turn = segment.start + self.table.diphthongs.turn * segment.duration
-        yield segment.start, turn, found | ends["from"]
-        yield turn, segment.end, found | ends["to"]
+        yield segment.start, turn, traits | ends["from"]
+        yield turn, segment.end, traits | ends["to"]
 
-    def _traits_of(self, segment: PhoneSegment) -> dict[str, float]:
+    def _get_traits(self, segment: PhoneSegment) -> dict[str, float]:
         if segment.phone not in self._traits:
-            self._traits[segment.phone] = traits(self._set.get_phone(segment))
+            self._traits[segment.phone] = get_traits(self._set.get_phone(segment))
         return self._traits[segment.phone]
 
-    def _anticipated(self, phones: PhoneSequence, active: _Active, parameter: str) -> float:
-        """When a gesture may begin to show in a parameter: no phone before it minds."""
+    def _find_onset(self, phones: PhoneSequence, active: _Active, parameter: str) -> float:
+        """Return when a gesture may begin to show in a parameter.
+
+        It begins no earlier than the end of the last phone with a target for that parameter.
+        """
         if not active.gesture.anticipation or active.start > phones[active.phone].start:
             return active.start
         earliest = active.start - active.gesture.anticipation
         for segment in reversed(phones.segments[: active.phone]):
             if segment.end <= earliest:
                 break
-            found = self._traits_of(segment)
-            minds = any(
-                parameter in gesture.targets and gesture.holds(found)
+            traits = self._get_traits(segment)
+            has_target = any(
+                parameter in gesture.targets and gesture.is_met_by(traits)
                 for gesture in self.table.gestures
             )
-            if minds:
+            if has_target:
                 earliest = segment.end
                 break
         return min(active.start, earliest)
 
 
 class _Noise:
-    """What varies in one gesture."""
+    """Random deviations of one gesture."""
 
     def __init__(self, rng: np.random.Generator, table: Articulation) -> None:
         noise = table.gesture
@@ -334,27 +364,27 @@ class _Noise:
         self._added = float(noise.target * draws[5])
         self._left_right = float(noise.left_right * draws[6])
 
-    def target(self, name: str) -> float:
-        """What is added to a target."""
+    def get_offset(self, name: str) -> float:
+        """Return what is added to the target of a parameter."""
         return self._added + {_LEFT: self._left_right, _RIGHT: -self._left_right}.get(name, 0.0)
 
 
-def _sum(target: Sum, found: dict[str, float]) -> float:
+def _evaluate_target(target: Sum, traits: dict[str, float]) -> float:
     if not isinstance(target, dict):
         return target
     return sum(
-        factor * (1.0 if trait == "base" else found[trait]) for trait, factor in target.items()
+        factor * (1.0 if trait == "base" else traits[trait]) for trait, factor in target.items()
     )
 
 
-def _activation(
+def _compute_activation(
     clock: FloatArray,
     active: _Active,
     early: float,
     moves: tuple[float, float],
     ramp: float = _RAMP,
 ) -> tuple[slice, FloatArray]:
-    """How much of a gesture there is, and in which steps: 0 to 1, with soft ends."""
+    """Return the steps at which a gesture is active, and its activation there, 0 to 1."""
     start, end = active.start + moves[0], active.end + moves[1]
     # Half-way in and half-way out at its start and its end; anticipation only ever adds.
     full, begin = start + 0.5 * ramp, start - max(active.start - early, 0.0) - 0.5 * ramp

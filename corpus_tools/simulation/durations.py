@@ -9,8 +9,9 @@ from functools import cache
 import numpy as np
 from pydantic import Field
 
-from corpus_tools.simulation.traits import Rule, Strict, load_table, traits
+from corpus_tools.simulation.traits import Rule, get_traits, load_table
 from mocap_fit.phones import PhoneSegment, PhoneSequence, PhoneSet
+from mocap_fit.settings_file import StrictModel
 
 # Times are written to a tenth of a millisecond.
 _DECIMALS = 4
@@ -18,14 +19,14 @@ _DECIMALS = 4
 
 @dataclass(frozen=True)
 class SpokenPhone:
-    """A phone to be said.
+    """A phone of a word that is to be said.
 
     Parameters
     ----------
     phone
         Symbol of the phone set, without stress.
     stress
-        0, 1, 2, or None of what takes none.
+        0, 1 or 2; None for phones that take no stress.
     """
 
     phone: str
@@ -34,14 +35,14 @@ class SpokenPhone:
 
 @dataclass(frozen=True)
 class SpokenWord:
-    """A word to be said; one without phones is a pause.
+    """A word that is to be said; one without phones is a pause.
 
     Parameters
     ----------
     text
-        As it is written, without punctuation.
+        The word as it is written, without punctuation.
     phones
-        In order.
+        Its phones, in order.
     """
 
     text: str
@@ -57,7 +58,7 @@ class _Inherent(Rule):
     least: float
 
 
-class _Rules(Strict):
+class _Rules(StrictModel):
     before_pause: float
     word_final: float
     unstressed_vowel: float
@@ -72,19 +73,19 @@ class _Rules(Strict):
     after_short_vowel: float
 
 
-class _Noise(Strict):
+class _Noise(StrictModel):
     rate: float
     phone: float
 
 
-class _Pauses(Strict):
+class _Pauses(StrictModel):
     before: tuple[float, float]
     after: tuple[float, float]
     comma: tuple[float, float]
 
 
-class Durations(Strict):
-    """The table ``durations.toml``."""
+class Durations(StrictModel):
+    """The settings of the duration model, ``durations.toml``."""
 
     phones: tuple[_Inherent, ...]
     rules: _Rules
@@ -92,18 +93,35 @@ class Durations(Strict):
     pauses: _Pauses
     languages: dict[str, dict[str, float]] = Field(default={})
 
-    def rules_of(self, language: str) -> _Rules:
-        """The rules, with what a language does otherwise."""
+    def get_rules(self, language: str) -> _Rules:
+        """Return the rules of a language.
+
+        Parameters
+        ----------
+        language
+            Tag of the language, such as ``sv``.
+
+        Returns
+        -------
+        _Rules
+            The general rules, with the exceptions of the language.
+        """
         return self.rules.model_copy(update=self.languages.get(language, {}))
 
 
 @cache
 def load_durations() -> Durations:
-    """Read the shipped table."""
-    return load_table("durations.toml", Durations)
+    """Load the table that comes with the simulation.
+
+    Returns
+    -------
+    Durations
+        Durations of all phones, and the rules that change them.
+    """
+    return load_table("durations", Durations)
 
 
-def spoken(
+def time_words(
     words: Sequence[SpokenWord],
     phone_set: PhoneSet,
     rng: np.random.Generator,
@@ -113,84 +131,84 @@ def spoken(
     end: float = 0.0,
     table: Durations | None = None,
 ) -> PhoneSequence:
-    """Give the words of a sentence times.
+    """Compute the times of the phones of a sentence, after Klatt (1979).
 
     Parameters
     ----------
     words
-        With `PAUSE` wherever the speaker pauses; silence before and after is added.
+        The words, with `PAUSE` wherever the speaker pauses; silence before and after is added.
     phone_set
         The set of their phones.
     rng
-        Of the speaker's rate and noise.
+        Generator of the speaker's rate and of the noise.
     name
-        Of the utterance.
+        Name of the utterance.
     start, end
-        Seconds of silence that come in addition, before and after.
+        Silence that is added before and after, seconds.
     table
-        The shipped one where not given.
+        The duration model; the one that comes with the simulation where it is None.
 
     Returns
     -------
     PhoneSequence
-        From 0, without gaps. The noise is clipped at 2.5 standard deviations, so that no phone is
-        ever of no length.
+        The phones from 0 on, without gaps. The noise is clipped at 2.5 standard deviations, so
+        that no phone has a duration of 0.
     """
     table = load_durations() if table is None else table
-    rules = table.rules_of(phone_set.language)
-    rate = np.exp(_clipped(rng, table.noise.rate))
+    rules = table.get_rules(phone_set.language)
+    rate = np.exp(_draw_clipped(rng, table.noise.rate))
     symbols = {phone.phone for word in words for phone in word.phones}
-    known = {symbol: traits(phone_set.get_phone(symbol)) for symbol in symbols}
+    known = {symbol: get_traits(phone_set.get_phone(symbol)) for symbol in symbols}
     segments: list[PhoneSegment] = []
     clock = 0.0
 
-    def put(seconds: float, symbol: str, stress: int | None = None, word: str = "") -> None:
+    def append(seconds: float, symbol: str, stress: int | None = None, word: str = "") -> None:
         nonlocal clock
         stop = round(clock + seconds, _DECIMALS)
         segments.append(PhoneSegment(clock, stop, symbol, stress, word))
         clock = stop
 
     silence = phone_set.silence
-    put(start + rng.uniform(*table.pauses.before), silence)
+    append(start + rng.uniform(*table.pauses.before), silence)
     for i, word in enumerate(words):
         if not word.phones:
-            put(rng.uniform(*table.pauses.comma), silence)
+            append(rng.uniform(*table.pauses.comma), silence)
             continue
         last = i + 1 == len(words) or not words[i + 1].phones
         every = [known[phone.phone] for phone in word.phones]
-        shares = _shares(word, last, every, rules)
-        for phone, found, share in zip(word.phones, every, shares, strict=True):
-            kind = next(rule for rule in table.phones if rule.holds(found))
+        shares = _compute_shares(word, last, every, rules)
+        for phone, traits, share in zip(word.phones, every, shares, strict=True):
+            kind = next(rule for rule in table.phones if rule.is_met_by(traits))
             milliseconds = kind.least + (kind.inherent - kind.least) * share
-            seconds = milliseconds / 1000 * rate * np.exp(_clipped(rng, table.noise.phone))
-            put(float(seconds), phone.phone, phone.stress, word.text)
-    # The whole is a number of milliseconds, and so of samples.
-    put(np.ceil((clock + rng.uniform(*table.pauses.after) + end) * 1000) / 1000 - clock, silence)
+            seconds = milliseconds / 1000 * rate * np.exp(_draw_clipped(rng, table.noise.phone))
+            append(float(seconds), phone.phone, phone.stress, word.text)
+    # The utterance ends at a full millisecond, and so at a sample.
+    append(np.ceil((clock + rng.uniform(*table.pauses.after) + end) * 1000) / 1000 - clock, silence)
     return PhoneSequence(tuple(segments), phone_set=phone_set.name, name=name)
 
 
-def _clipped(rng: np.random.Generator, deviation: float) -> float:
+def _draw_clipped(rng: np.random.Generator, deviation: float) -> float:
     return float(deviation * np.clip(rng.standard_normal(), -2.5, 2.5))
 
 
-def _shares(
-    word: SpokenWord, last: bool, found: list[dict[str, float]], rules: _Rules
+def _compute_shares(
+    word: SpokenWord, last: bool, traits: list[dict[str, float]], rules: _Rules
 ) -> list[float]:
-    """Klatt's p of every phone of a word, whose traits are given."""
-    vowels = [i for i, f in enumerate(found) if f["vowel"]]
-    speech = [i for i, f in enumerate(found) if not f["release"]]
+    """Return Klatt's p of every phone of a word."""
+    vowels = [i for i, f in enumerate(traits) if f["vowel"]]
+    speech = [i for i, f in enumerate(traits) if not f["release"]]
     long_word = max(rules.long_word ** max(0, len(vowels) - 2), rules.long_word_least)
     shares = []
-    for i, (phone, own) in enumerate(zip(word.phones, found, strict=True)):
+    for i, (phone, current) in enumerate(zip(word.phones, traits, strict=True)):
         share = 1.0
         if vowels and i >= vowels[-1]:
             share *= rules.before_pause if last else rules.word_final
         elif last and not vowels:
             share *= rules.before_pause
-        place = speech.index(i) if i in speech else -1
-        before = found[speech[place - 1]] if place > 0 else None
-        after = found[speech[place + 1]] if 0 <= place < len(speech) - 1 else None
-        if own["vowel"]:
+        index = speech.index(i) if i in speech else -1
+        before = traits[speech[index - 1]] if index > 0 else None
+        after = traits[speech[index + 1]] if 0 <= index < len(speech) - 1 else None
+        if current["vowel"]:
             share *= long_word
             share *= {
                 0: rules.unstressed_vowel,
@@ -200,16 +218,16 @@ def _shares(
             obstruent = after is not None and max(after["stop"], after["fricative"]) == 1
             if after is not None and obstruent and not after["voiced"]:
                 share *= rules.before_voiceless
-        elif own["consonant"] and not own["release"]:
-            share *= _of_consonant(i, word, found, before, after, rules)
+        elif current["consonant"] and not current["release"]:
+            share *= _scale_consonant(i, word, traits, before, after, rules)
         shares.append(share)
     return shares
 
 
-def _of_consonant(
+def _scale_consonant(
     i: int,
     word: SpokenWord,
-    found: list[dict[str, float]],
+    traits: list[dict[str, float]],
     before: dict[str, float] | None,
     after: dict[str, float] | None,
     rules: _Rules,
@@ -219,8 +237,8 @@ def _of_consonant(
         share *= rules.cluster
     if i == 0:
         share *= rules.word_first
-    following = [p.stress for p, f in zip(word.phones[i:], found[i:], strict=True) if f["vowel"]]
-    preceding = [p.stress for p, f in zip(word.phones[:i], found[:i], strict=True) if f["vowel"]]
+    following = [p.stress for p, f in zip(word.phones[i:], traits[i:], strict=True) if f["vowel"]]
+    preceding = [p.stress for p, f in zip(word.phones[:i], traits[:i], strict=True) if f["vowel"]]
     if not (following or preceding or [0])[0]:
         share *= rules.unstressed_consonant
     if before and before["vowel"] and not before["long"] and preceding and preceding[-1] == 1:

@@ -11,118 +11,147 @@ from mocap_fit.face.rig import CompiledRig, evaluate
 from mocap_fit.tracks import FloatArray
 
 JAW, UPPER, LOWER = "jaw_rotation", "upper_lip_raise", "lower_lip_depression"
-# Where slopes of the distance of the lips are taken: half-way into the range of speech.
+# Parameter at which the slopes of the lip distance are taken: half-way into the range of speech.
 _STEP = 0.25
 
 
 @dataclass(frozen=True, eq=False)
 class LipDistance:
-    """How far the lips are apart in the middle, by the face's parameters, to first order.
+    """The distance of the lips in the middle as a linear function of the parameters.
 
     Parameters
     ----------
     rest
-        Millimetres at rest.
+        The distance at rest, millimetres.
     slopes
-        `(parameters,)`, millimetres per full gesture.
+        Its slopes, ``(parameters,)``, millimetres per full gesture.
     """
 
     rest: float
     slopes: FloatArray
 
     @classmethod
-    def of(cls, face: Rig) -> LipDistance:
-        """Measure it on a face that has MPEG-4's inner lip points 2.2 and 2.3."""
-        rest = float(lip_distances(face, np.zeros((1, len(face.parameter_names))))[0])
-        moved = lip_distances(face, _STEP * np.eye(len(face.parameter_names)))
-        return cls(rest, (moved - rest) / _STEP)
+    def from_face(cls, face: Rig) -> LipDistance:
+        """Measure the distance on a face.
+
+        Parameters
+        ----------
+        face
+            A face that has MPEG-4's inner lip points 2.2 and 2.3.
+
+        Returns
+        -------
+        LipDistance
+            The distance at rest and its slopes.
+        """
+        rest = float(measure_lip_distances(face, np.zeros((1, len(face.parameter_names))))[0])
+        positions = measure_lip_distances(face, _STEP * np.eye(len(face.parameter_names)))
+        return cls(rest, (positions - rest) / _STEP)
 
 
-def lip_distances(face: Rig, values: FloatArray) -> FloatArray:
-    """Height of the lips' opening in the middle, `(frames,)` in millimetres.
+def measure_lip_distances(face: Rig, values: FloatArray) -> FloatArray:
+    """Measure the height of the mouth's opening in the middle.
 
     Parameters
     ----------
     face
-        With MPEG-4's inner lip points 2.2 and 2.3.
+        A face that has MPEG-4's inner lip points 2.2 and 2.3.
     values
-        `(frames, parameters)`.
+        Parameters, ``(frames, parameters)``, full gestures.
+
+    Returns
+    -------
+    ndarray
+        Heights, ``(frames,)``, millimetres; below 0 where the lips overlap.
     """
     points = np.array([face.mesh.get_feature_point("2.2"), face.mesh.get_feature_point("2.3")])
     compiled: CompiledRig | None = face.compile(points)
-    found = np.empty(len(values))
+    distances = np.empty(len(values))
     for frame, parameters in enumerate(values):
         upper, lower = (
             face.deform(parameters)[points] if compiled is None else evaluate(compiled, parameters)
         )
-        found[frame] = upper[1] - lower[1]
-    return found
+        distances[frame] = upper[1] - lower[1]
+    return distances
 
 
 @dataclass(frozen=True, eq=False)
-class Pull:
-    """What all gestures together want, step by step.
+class MotionTargets:
+    """The targets of all gestures together, step by step.
 
     Parameters
     ----------
     step
-        Seconds between steps.
-    targets
-        `(steps, parameters)`.
+        Time between steps, seconds.
+    parameters
+        Targets of the parameters, ``(steps, parameters)``, full gestures.
     stiffness
-        `(steps, parameters)`, radians per second; that of the lips' task is in it.
-    lips_held
-        `(steps, 2)`: how far the upper and the lower lip go by a distance of the lips, 0 to 1, and
-        no longer by the targets.
-    lips_distances, lips_shares
-        `(steps,)`: that distance, millimetres, and the upper lip's part of the way.
+        Natural frequencies, ``(steps, parameters)``, radians per second, with those of the lips.
+    lips_weights
+        Weights of the wanted distance of the lips over the targets of the upper and the lower
+        lip, ``(steps, 2)``, 0 to 1.
+    lips_distances
+        The wanted distance of the lips, ``(steps,)``, millimetres.
+    lips_shares
+        The upper lip's share of the way to it, ``(steps,)``, 0 to 1.
     """
 
     step: float
-    targets: FloatArray
+    parameters: FloatArray
     stiffness: FloatArray
-    lips_held: FloatArray
+    lips_weights: FloatArray
     lips_distances: FloatArray
     lips_shares: FloatArray
 
 
-def move(pull: Pull, names: tuple[str, ...], lips: LipDistance) -> FloatArray:
+def simulate_motion(
+    targets: MotionTargets, names: tuple[str, ...], lips: LipDistance
+) -> FloatArray:
     """Let the articulators follow, from rest.
 
     Every parameter obeys ``y'' + 2 w y' + w^2 (y - target) = 0``, solved exactly over each step.
     Where the lips are wanted at a distance, their targets are what is missing to it with the jaw
     where it is about to be, so that they meet however far the jaw is open.
 
+    Parameters
+    ----------
+    targets
+        The targets, step by step.
+    names
+        Names of the parameters.
+    lips
+        The distance of the lips.
+
     Returns
     -------
-    FloatArray
-        `(steps, parameters)`.
+    ndarray
+        Parameters, ``(steps, parameters)``, full gestures.
     """
     jaw, upper, lower = (names.index(name) for name in (JAW, UPPER, LOWER))
-    step, stiffness = pull.step, pull.stiffness
+    step, stiffness = targets.step, targets.stiffness
     decay = np.exp(-stiffness * step)
     slopes = lips.slopes.copy()
     to_upper, to_lower = slopes[upper], slopes[lower]
     slopes[[upper, lower]] = 0.0
     values, speeds = np.zeros(len(names)), np.zeros(len(names))
-    found = np.empty_like(pull.targets)
-    for i, target in enumerate(pull.targets):
-        held_upper, held_lower = pull.lips_held[i]
-        if held_lower > 0:
+    result = np.empty_like(targets.parameters)
+    for i, target in enumerate(targets.parameters):
+        upper_weight, lower_weight = targets.lips_weights[i]
+        if lower_weight > 0:
             target = target.copy()
             # A system lags behind a moving target by 2 / w of its way a second.
             ahead = values + speeds * (2.0 / stiffness[i, lower])
-            # The jaw's own motion is what counts; the rest moves little.
+            # What counts is the motion of the jaw; the rest moves little.
             now = values.copy()
             now[jaw] = ahead[jaw]
-            missing = pull.lips_distances[i] - lips.rest - slopes @ now
-            wanted = pull.lips_shares[i] * missing / to_upper
-            target[upper] += held_upper * (wanted - target[upper])
+            missing = targets.lips_distances[i] - lips.rest - slopes @ now
+            wanted = targets.lips_shares[i] * missing / to_upper
+            target[upper] += upper_weight * (wanted - target[upper])
             wanted = (missing - to_upper * ahead[upper]) / to_lower
-            target[lower] += held_lower * (wanted - target[lower])
+            target[lower] += lower_weight * (wanted - target[lower])
         off = values - target
         inertia = speeds + stiffness[i] * off
         values = target + (off + inertia * step) * decay[i]
         speeds = (speeds - stiffness[i] * inertia * step) * decay[i]
-        found[i] = values
-    return found
+        result[i] = values
+    return result

@@ -10,15 +10,15 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import resources
 
 import numpy as np
 from pydantic import Field
 
 from corpus_tools.simulation.durations import PAUSE, SpokenPhone, SpokenWord
-from corpus_tools.simulation.traits import Strict, load_table
+from corpus_tools.simulation.traits import load_table
 from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.phones import PhoneSet, load_phone_set
+from mocap_fit.settings_file import StrictModel, list_shipped
 
 START = "SENTENCE"
 _MARKS = (",", "?")
@@ -28,22 +28,22 @@ _TRIES = 2000
 
 @dataclass(frozen=True)
 class Sentence:
-    """A sentence and how it is said.
+    """A sentence and its phones.
 
     Parameters
     ----------
     text
-        As it is written.
+        The sentence as it is written.
     words
-        In order, with `PAUSE` where there is a comma.
+        Its words in order, with `PAUSE` where there is a comma.
     """
 
     text: str
     words: tuple[SpokenWord, ...]
 
 
-class LanguageFile(Strict):
-    """A file of ``sentences/``, as it is written."""
+class LanguageFile(StrictModel):
+    """The settings of a language, a file of ``sentences/``."""
 
     language: str
     phone_set: str
@@ -66,23 +66,23 @@ class Language:
     language
         Tag, such as ``sv``.
     phone_set
-        What the words' phones are from.
+        The set of the words' phones.
     rules
-        Name of a rule → its alternatives, each a row of tokens.
+        Alternatives of each rule, by its name; an alternative is a row of tokens.
     classes
-        Name of a class → its words.
+        Words of each class, by its name.
     lexicon
-        Word → how it is said; several words where it is an expression of several.
+        Words with their phones, by their spelling; several for an expression of several words.
     length
         Least and largest number of words.
     releases
-        Whether the release of a stop is a phone of its own.
+        Whether the release of a stop is a separate phone.
     before_vowels
-        Word → what it is before a vowel.
+        Forms of words before a vowel, by their spelling.
     voicing
-        Voiceless obstruent → its voiced partner, where they assimilate between words.
+        Voiced partners of voiceless obstruents that assimilate between words.
     voicing_neither
-        Voiced phones that do not voice what is before them.
+        Voiced phones that do not voice the obstruent before them.
     """
 
     language: str
@@ -96,11 +96,23 @@ class Language:
     voicing: Mapping[str, str] = field(default_factory=dict)
     voicing_neither: frozenset[str] = frozenset()
 
-    def sentences(self, count: int, rng: np.random.Generator) -> tuple[Sentence, ...]:
-        """Draw sentences, no two alike.
+    def draw_sentences(self, count: int, rng: np.random.Generator) -> tuple[Sentence, ...]:
+        """Draw different sentences.
 
-        The first of them are the same whatever the count. Words that were used less are drawn
-        more often.
+        The first sentences do not depend on the count. Words that were used less are drawn more
+        often.
+
+        Parameters
+        ----------
+        count
+            Number of sentences.
+        rng
+            Generator of the choices.
+
+        Returns
+        -------
+        tuple of Sentence
+            As many as asked for, no two alike.
 
         Raises
         ------
@@ -108,47 +120,59 @@ class Language:
             If the grammar does not have so many.
         """
         used: Counter[str] = Counter()
-        found: dict[str, Sentence] = {}
-        while len(found) < count:
+        sentences: dict[str, Sentence] = {}
+        while len(sentences) < count:
             for _ in range(_TRIES):
-                tokens = self._drawn(START, rng, used)
-                said = [
+                tokens = self._draw_tokens(START, rng, used)
+                entry = [
                     part
                     for token in tokens
                     if token != "?"
                     for part in self.lexicon.get(token, (PAUSE,))
                 ]
-                words = [word.text for word in said if word.phones]
-                content = [word.text for word in said if any(phone.stress for phone in word.phones)]
-                sentence = self.spoken(said, "?" if tokens[-1] == "?" else ".")
+                words = [word.text for word in entry if word.phones]
+                content = [
+                    word.text for word in entry if any(phone.stress for phone in word.phones)
+                ]
+                sentence = self.say(entry, "?" if tokens[-1] == "?" else ".")
                 least, most = self.length
                 if (
                     least <= len(words) <= most
                     and len(set(content)) == len(content)
-                    and sentence.text not in found
+                    and sentence.text not in sentences
                 ):
                     break
             else:
                 raise DataError(
                     f"the sentences of '{self.language}' do not suffice",
-                    found=f"{len(found)} different ones",
+                    found=f"{len(sentences)} different ones",
                     expected=count,
                     advice="Ask for fewer utterances.",
                 )
             used.update(tokens)
-            found[sentence.text] = sentence
-        return tuple(found.values())
+            sentences[sentence.text] = sentence
+        return tuple(sentences.values())
 
     def read(self, text: str) -> Sentence:
-        """Say a text of words that are in the lexicon.
+        """Return the phones of a text whose words are in the lexicon.
+
+        Parameters
+        ----------
+        text
+            Words and commas.
+
+        Returns
+        -------
+        Sentence
+            The text with its phones.
 
         Raises
         ------
         DataError
             If words are not in the lexicon; all are listed.
         """
-        every = {part.text.lower(): part for said in self.lexicon.values() for part in said}
-        every |= {w.lower(): said[0] for w, said in self.lexicon.items() if len(said) == 1}
+        every = {part.text.lower(): part for entry in self.lexicon.values() for part in entry}
+        every |= {w.lower(): entry[0] for w, entry in self.lexicon.items() if len(entry) == 1}
         tokens = re.findall(r",|[^\s,.!?]+", text)
         missing = [t for t in tokens if t != "," and t.lower() not in every]
         if missing:
@@ -156,42 +180,47 @@ class Language:
                 f"not in the lexicon of '{self.language}': {', '.join(missing)}",
                 advice="Use words of the lexicon.",
             )
-        return self.spoken([PAUSE if token == "," else every[token.lower()] for token in tokens])
+        return self.say([PAUSE if token == "," else every[token.lower()] for token in tokens])
 
-    def spoken(self, words: Sequence[SpokenWord], mark: str = ".") -> Sentence:
-        """Say words in a row, with `PAUSE` for each comma: what happens between words happens.
+    def say(self, words: Sequence[SpokenWord], mark: str = ".") -> Sentence:
+        """Join words to a sentence, with the changes of phones that happen between words.
 
         Parameters
         ----------
         words
-            As they are said alone.
+            The words as they are said alone, with `PAUSE` for each comma.
         mark
-            What the text ends with.
+            The mark at the end of the text.
+
+        Returns
+        -------
+        Sentence
+            The sentence with its phones.
         """
-        words = self._before_vowels(words)
+        words = self._replace_before_vowels(words)
         text = re.sub(r" ,", ",", " ".join(word.text or "," for word in words))
         following = [*words[1:], PAUSE]
         words = [
-            SpokenWord(word.text, self._assimilated(word.phones, after.phones))
+            SpokenWord(word.text, self._assimilate(word.phones, after.phones))
             for word, after in zip(words, following, strict=True)
         ]
         if self.releases:
-            words = self._with_releases(words)
+            words = self._insert_releases(words)
         return Sentence(f"{text[:1].upper()}{text[1:]}{mark}", tuple(words))
 
-    def _before_vowels(self, words: Sequence[SpokenWord]) -> list[SpokenWord]:
+    def _replace_before_vowels(self, words: Sequence[SpokenWord]) -> list[SpokenWord]:
         new = []
         for word, after in zip(words, [*words[1:], PAUSE], strict=True):
             vowel = bool(after.phones) and self.phone_set.is_vowel(after.phones[0].phone)
             new.append(self.before_vowels.get(word.text, word) if vowel else word)
         return new
 
-    def _drawn(self, name: str, rng: np.random.Generator, used: Counter[str]) -> list[str]:
+    def _draw_tokens(self, name: str, rng: np.random.Generator, used: Counter[str]) -> list[str]:
         alternatives = self.rules[name]
         tokens: list[str] = []
         for token in alternatives[int(rng.integers(len(alternatives)))]:
             if token in self.rules:
-                tokens += self._drawn(token, rng, used)
+                tokens += self._draw_tokens(token, rng, used)
             elif token.startswith("{"):
                 words = self.classes[token[1:-1]]
                 shares = np.array([1.0 / (1 + used[word]) ** 2 for word in words])
@@ -200,10 +229,10 @@ class Language:
                 tokens.append(token)
         return tokens
 
-    def _assimilated(
+    def _assimilate(
         self, phones: tuple[SpokenPhone, ...], after: tuple[SpokenPhone, ...]
     ) -> tuple[SpokenPhone, ...]:
-        """The word with its last obstruents voiced or not, as the next word begins."""
+        """Voice or devoice the last obstruents of a word by the first phone of the next."""
         if not self.voicing or not after:
             return phones
         first = after[0].phone
@@ -219,10 +248,10 @@ class Language:
             new[i] = SpokenPhone(change.get(new[i].phone, new[i].phone), new[i].stress)
         return tuple(new)
 
-    def _with_releases(self, words: Sequence[SpokenWord]) -> list[SpokenWord]:
-        """Stops that are released: those before anything but another stop, or their own nasal."""
+    def _insert_releases(self, words: Sequence[SpokenWord]) -> list[SpokenWord]:
+        """Insert the releases of stops, but not before a stop or their own nasal."""
         released = {
-            self._place(phone.symbol): phone.symbol
+            self._get_articulation(phone.symbol): phone.symbol
             for phone in self.phone_set.phones
             if phone.values["release"]
         }
@@ -235,48 +264,75 @@ class Language:
                 phones.append(phone)
                 if self.phone_set.get_phone(phone.phone).values["stop"] != 1:
                     continue
-                closed = after is not None and self._closes(phone.phone, after.phone)
+                closed = after is not None and self._is_before_closure(phone.phone, after.phone)
                 if not closed:
-                    phones.append(SpokenPhone(released[self._place(phone.phone)]))
+                    phones.append(SpokenPhone(released[self._get_articulation(phone.phone)]))
             new.append(SpokenWord(word.text, tuple(phones)))
         return new
 
-    def _closes(self, phone: str, after: str) -> bool:
+    def _is_before_closure(self, phone: str, after: str) -> bool:
         values = self.phone_set.get_phone(after).values
-        same = self._place(phone) == self._place(after)
+        same = self._get_articulation(phone) == self._get_articulation(after)
         return values["stop"] == 1 or (values["nasal"] == 1 and same)
 
-    def _place(self, symbol: str) -> tuple[str, ...]:
+    def _get_articulation(self, symbol: str) -> tuple[str, ...]:
         values = self.phone_set.get_phone(symbol).values
-        places = ("bilabial", "dental", "retroflex", "velar")
-        return tuple(place for place in places if values[place])
+        articulations = ("bilabial", "dental", "retroflex", "velar")
+        return tuple(name for name in articulations if values[name])
 
 
-def languages() -> tuple[str, ...]:
-    """The languages that there are sentences of."""
-    folder = resources.files("corpus_tools.simulation").joinpath("sentences")
-    return tuple(sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".toml")))
+def list_languages() -> tuple[str, ...]:
+    """List the languages that sentences can be simulated in.
+
+    Returns
+    -------
+    tuple of str
+        Tags of the languages, sorted.
+    """
+    return list_shipped("corpus_tools.simulation", "sentences")
 
 
 def load_language(language: str) -> Language:
-    """Read the grammar and the lexicon of a language.
+    """Load the grammar and the lexicon of a language.
+
+    Parameters
+    ----------
+    language
+        Tag of the language, such as ``sv``.
+
+    Returns
+    -------
+    Language
+        The language, ready to draw sentences.
 
     Raises
     ------
     ConfigurationError
         If there is none, or it contradicts itself.
     """
-    if language not in languages():
+    if language not in list_languages():
         raise ConfigurationError(
             f"there are no sentences of the language '{language}'",
-            expected=", ".join(languages()),
+            expected=", ".join(list_languages()),
         )
-    file = f"sentences/{language}.toml"
-    return read_language(load_table(file, LanguageFile), file)
+    content = load_table(language, LanguageFile, "sentences")
+    return read_language(content, f"sentences/{language}.toml")
 
 
 def read_language(content: LanguageFile, file: str) -> Language:
-    """Check a language's file and make it ready.
+    """Check the settings of a language and prepare its grammar and lexicon.
+
+    Parameters
+    ----------
+    content
+        The settings.
+    file
+        Name of the file, for messages.
+
+    Returns
+    -------
+    Language
+        The language, ready to draw sentences.
 
     Raises
     ------
@@ -292,11 +348,11 @@ def read_language(content: LanguageFile, file: str) -> Language:
         for line in filter(None, map(str.strip, lines.splitlines())):
             word, _, rest = line.partition(" ")
             first = content.stress == "first" and not name.startswith("weak")
-            said = _said(word, rest, phone_set, first)
-            if said is None:
+            entry = _parse_entry(word, rest, phone_set, first)
+            if entry is None:
                 faults.append(f"phones of '{word}'")
                 continue
-            if lexicon.setdefault(word, said) != said:
+            if lexicon.setdefault(word, entry) != entry:
                 faults.append(f"'{word}' in two ways")
             members.append(word)
         if len(set(members)) < len(members):
@@ -305,11 +361,11 @@ def read_language(content: LanguageFile, file: str) -> Language:
     before_vowels = {}
     for word, line in content.before_vowels.items():
         text, _, rest = line.partition(" ")
-        said = _said(text, rest, phone_set, first_stressed=False)
-        if said is None or word not in lexicon:
+        entry = _parse_entry(text, rest, phone_set, first_stressed=False)
+        if entry is None or word not in lexicon:
             faults.append(f"'{word}' before vowels")
         else:
-            before_vowels[word] = said[0]
+            before_vowels[word] = entry[0]
     rules = {name: tuple(tuple(a.split()) for a in alts) for name, alts in content.rules.items()}
     for name, alternatives in rules.items():
         for token in {token for alternative in alternatives for token in alternative}:
@@ -336,31 +392,31 @@ def read_language(content: LanguageFile, file: str) -> Language:
     )
 
 
-def _said(
+def _parse_entry(
     word: str, phones: str, phone_set: PhoneSet, first_stressed: bool
 ) -> tuple[SpokenWord, ...] | None:
-    """The words of a line of the lexicon; None where the phones are no phones."""
+    """Parse a line of the lexicon; None where symbols are not in the phone set."""
     texts, parts = word.split("_"), phones.split("|")
-    parsed = [_phones(part.split(), phone_set) for part in parts]
+    parsed = [_parse_phones(part.split(), phone_set) for part in parts]
     if len(texts) != len(parts) or None in parsed:
         return None
-    said = [found for found in parsed if found is not None]
-    if first_stressed and not any(phone.stress for found in said for phone in found):
-        said = [_first_stressed(found) for found in said]
-    return tuple(map(SpokenWord, texts, said))
+    entry = [phones for phones in parsed if phones is not None]
+    if first_stressed and not any(phone.stress for phones in entry for phone in phones):
+        entry = [_stress_first(phones) for phones in entry]
+    return tuple(map(SpokenWord, texts, entry))
 
 
-def _phones(symbols: Sequence[str], phone_set: PhoneSet) -> tuple[SpokenPhone, ...] | None:
+def _parse_phones(symbols: Sequence[str], phone_set: PhoneSet) -> tuple[SpokenPhone, ...] | None:
     parsed = [phone_set.parse(symbol) for symbol in symbols]
     if not parsed or None in parsed:
         return None
     return tuple(
         SpokenPhone(phone, (stress or 0) if phone_set.get_phone(phone).takes_stress else None)
-        for phone, stress in (found for found in parsed if found is not None)
+        for phone, stress in (pair for pair in parsed if pair is not None)
     )
 
 
-def _first_stressed(phones: tuple[SpokenPhone, ...]) -> tuple[SpokenPhone, ...]:
+def _stress_first(phones: tuple[SpokenPhone, ...]) -> tuple[SpokenPhone, ...]:
     for i, phone in enumerate(phones):
         if phone.stress is not None:
             return (*phones[:i], SpokenPhone(phone.phone, 1), *phones[i + 1 :])

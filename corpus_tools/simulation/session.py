@@ -39,25 +39,29 @@ OTHER_SPEAKER = {
     "lower_face": 1.08,
     "mouth_width": 0.92,
 }
-# The camera system's axes (x right, y away, z up) and the place of the head in them.
+# The camera system's axes (x right, y away, z up) and the position of the head in them.
 _LABORATORY = Rotation.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-_PLACE = np.array([120.0, -340.0, 1250.0])
+_HEAD_POSITION = np.array([120.0, -340.0, 1250.0])
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """What a simulated session is like.
+    """The conditions of a simulated session.
 
     Parameters
     ----------
     noise
         Standard deviation of every coordinate of every marker, millimetres.
     drop_outs
-        Part of the samples that are lost, in stretches of a few frames.
-    head_translation, head_rotation
-        Largest head motion to either side: millimetres along each axis, radians about each axis.
-    rate, duration
-        Hertz, seconds.
+        Part of the samples that are lost, in gaps of a few frames, 0 to 0.9.
+    head_translation
+        Largest head motion to either side along each axis, millimetres.
+    head_rotation
+        Largest head motion to either side about each axis, radians.
+    rate
+        Frames per second, hertz.
+    duration
+        Length of a recording of free gestures, seconds.
     reference_duration
         Length of the recording of the reference pose, seconds.
     """
@@ -91,11 +95,11 @@ class Simulation:
     Parameters
     ----------
     recording
-        What a camera system would export.
+        The markers, as a camera system would export them.
     parameters
-        The face parameters that made it.
+        The true face parameters.
     pose
-        The head's pose, from reference to recording.
+        The true pose of the head, from reference to recording.
     """
 
     recording: MarkerTracks
@@ -113,7 +117,7 @@ class Session:
     face
         The speaker's face: the built-in head, or one of its other proportions.
     conditions
-        What the session is like.
+        The conditions of the session.
 
     Attributes
     ----------
@@ -127,15 +131,26 @@ class Session:
         self.layout = layout
         self.face = face
         self.conditions = conditions
-        places = marker_places(layout, face.mesh)
+        locations = locate_markers(layout, face.mesh)
         self.still = MarkerTracks(
-            tuple(places), conditions.rate, np.array(list(places.values()))[None]
+            tuple(locations), conditions.rate, np.array(list(locations.values()))[None]
         )
         self.binding: Binding = bind_markers(face, layout, self.still, Orientation())
         self._evaluator = Evaluator(self.binding, "squares", 1.0)
 
-    def reference(self, rng: np.random.Generator) -> MarkerTracks:
-        """Record the reference pose: face and head at rest."""
+    def record_reference(self, rng: np.random.Generator) -> MarkerTracks:
+        """Record the reference pose: face and head at rest.
+
+        Parameters
+        ----------
+        rng
+            Generator of the noise.
+
+        Returns
+        -------
+        MarkerTracks
+            The recording.
+        """
         frames = max(1, round(self.conditions.reference_duration * self.conditions.rate))
         still = np.repeat(self.still.positions, frames, axis=0)
         pose = PoseTracks(
@@ -145,16 +160,29 @@ class Session:
             np.zeros((frames, 1, 3)),
             np.zeros((frames, 1)),
         )
-        return self._seen(still, pose, rng, drop_outs=0.0, name="reference")
+        return self._observe(still, pose, rng, drop_outs=0.0, name="reference")
 
     def record(self, rng: np.random.Generator, name: str = "simulated") -> Simulation:
-        """Record smooth random gestures, as long as the conditions say."""
+        """Record smooth random gestures, as long as the conditions say.
+
+        Parameters
+        ----------
+        rng
+            Generator of gestures, head motion, noise and drop-outs.
+        name
+            Name of the recording.
+
+        Returns
+        -------
+        Simulation
+            The recording and its truth.
+        """
         conditions = self.conditions
         frames = round(conditions.duration * conditions.rate)
         names = self.face.parameter_names
         values = np.stack(
             [
-                gesture(
+                draw_gesture(
                     rng, frames, conditions.rate, _GESTURE_RATE, *_GESTURES.get(n, _ANY_GESTURE)
                 )
                 for n in names
@@ -166,20 +194,26 @@ class Session:
         return self.play(ParameterTracks(names, conditions.rate, values, name=name), rng)
 
     def play(self, truth: ParameterTracks, rng: np.random.Generator) -> Simulation:
-        """Record given gestures.
+        """Record a face that moves by known parameters.
 
         Parameters
         ----------
         truth
             The face parameters, in the order of the face's, at the session's rate.
         rng
-            Of head motion, noise and drop-outs.
+            Generator of head motion, noise and drop-outs.
+
+        Returns
+        -------
+        Simulation
+            The recording and its truth.
         """
         conditions, frames = self.conditions, truth.frames
         largest = conditions.head_translation, conditions.head_rotation
         shift, turn = (
             np.stack(
-                [gesture(rng, frames, conditions.rate, _HEAD_RATE, -m, m) for _ in range(3)], axis=1
+                [draw_gesture(rng, frames, conditions.rate, _HEAD_RATE, -m, m) for _ in range(3)],
+                axis=1,
             )
             for m in largest
         )
@@ -202,13 +236,13 @@ class Session:
             axis=1,
         )
         order = [(*self.binding.names, *self.binding.head_names).index(n) for n in self.still.names]
-        recording = self._seen(
+        recording = self._observe(
             markers[:, order], pose, rng, drop_outs=conditions.drop_outs, name=truth.name
         )
-        pose = self._in_laboratory(pose).replace(start_time=truth.start_time)
+        pose = self._to_laboratory(pose).replace(start_time=truth.start_time)
         return Simulation(recording, truth, pose)
 
-    def _seen(
+    def _observe(
         self,
         markers: FloatArray,
         pose: PoseTracks,
@@ -217,30 +251,36 @@ class Session:
         drop_outs: float,
         name: str,
     ) -> MarkerTracks:
-        """What cameras see of markers given in head coordinates."""
-        moved = np.einsum("fij,fmj->fmi", pose.rotations[:, 0], markers)
-        moved = _LABORATORY.apply((moved + pose.translations).reshape(-1, 3)).reshape(moved.shape)
-        moved = moved + _PLACE + rng.normal(0.0, self.conditions.noise or 0.0, moved.shape)
-        lost = _drop_outs(rng, moved.shape[0], moved.shape[1], drop_outs)
+        """Return what cameras see of markers in head coordinates."""
+        positions = np.einsum("fij,fmj->fmi", pose.rotations[:, 0], markers)
+        positions = _LABORATORY.apply((positions + pose.translations).reshape(-1, 3)).reshape(
+            positions.shape
+        )
+        positions = (
+            positions
+            + _HEAD_POSITION
+            + rng.normal(0.0, self.conditions.noise or 0.0, positions.shape)
+        )
+        lost = _draw_drop_outs(rng, positions.shape[0], positions.shape[1], drop_outs)
         return MarkerTracks(
             self.still.names,
             self.conditions.rate,
-            np.where(lost[:, :, None], np.nan, moved),
+            np.where(lost[:, :, None], np.nan, positions),
             name=name,
         )
 
-    def _in_laboratory(self, pose: PoseTracks) -> PoseTracks:
-        """The pose from the reference recording to the recording, both in the laboratory."""
+    def _to_laboratory(self, pose: PoseTracks) -> PoseTracks:
+        """Convert a pose to one from reference to recording, both in the laboratory."""
         axes = _LABORATORY.as_matrix()
         rotations = axes @ pose.rotations @ axes.T
-        translations = (pose.translations @ axes.T) + _PLACE - rotations @ _PLACE
+        translations = (pose.translations @ axes.T) + _HEAD_POSITION - rotations @ _HEAD_POSITION
         return PoseTracks(
             pose.names, pose.rate, rotations, translations, pose.residuals, name=pose.name
         )
 
 
-def marker_places(layout: Layout, mesh: Mesh) -> dict[str, FloatArray]:
-    """Where the markers of a layout are on the built-in head, or on it in another shape.
+def locate_markers(layout: Layout, mesh: Mesh) -> dict[str, FloatArray]:
+    """Locate the markers of a layout on the built-in head, or on it in another shape.
 
     Face markers are ``marker_offset`` above the skin: at their feature point, or at the vertex
     of their region nearest to their position. Head markers are where their position says.
@@ -248,18 +288,28 @@ def marker_places(layout: Layout, mesh: Mesh) -> dict[str, FloatArray]:
     Parameters
     ----------
     layout
-        Markers that have neither feature point nor position are an error.
+        The layout; each marker has a feature point or a position.
     mesh
         The built-in head, or a `reshape_head` of it.
+
+    Returns
+    -------
+    dict of str to ndarray
+        Positions by the name of the marker, ``(3,)`` each, millimetres.
+
+    Raises
+    ------
+    ConfigurationError
+        If a marker has neither feature point nor position.
     """
     from mocap_fit.face.builtin import load_built_in_head
 
     standard = load_built_in_head()
     normals = mesh.compute_normals()
-    places = {}
+    locations = {}
     for marker in layout.markers:
         if marker.role == "head" and marker.position is not None:
-            places[marker.name] = np.asarray(marker.position)
+            locations[marker.name] = np.asarray(marker.position)
             continue
         if marker.position is not None:
             members = (
@@ -277,17 +327,35 @@ def marker_places(layout: Layout, mesh: Mesh) -> dict[str, FloatArray]:
                 expected="a position, or a feature point",
                 advice="Add position = [x, y, z] on the built-in head to simulate with it.",
             )
-        places[marker.name] = mesh.vertices[vertex] + layout.marker_offset * normals[vertex]
-    return places
+        locations[marker.name] = mesh.vertices[vertex] + layout.marker_offset * normals[vertex]
+    return locations
 
 
-def gesture(
+def draw_gesture(
     rng: np.random.Generator, frames: int, rate: float, fade: float, lower: float, upper: float
 ) -> FloatArray:
-    """Make a smooth random track between two values, `(frames,)`.
+    """Draw a smooth random track whose values are evenly distributed between two bounds.
 
-    Gaussian noise whose spectrum fades as a Gaussian above ``fade`` hertz, through the normal
-    distribution function, so that every value in between is as likely as another.
+    It is Gaussian noise whose spectrum fades as a Gaussian, through the normal distribution
+    function.
+
+    Parameters
+    ----------
+    rng
+        Generator of the noise.
+    frames
+        Number of frames.
+    rate
+        Frames per second, hertz.
+    fade
+        Where the spectrum has fallen to exp(-1/2), hertz.
+    lower, upper
+        The bounds, in the unit of the track.
+
+    Returns
+    -------
+    ndarray
+        The track, ``(frames,)``.
     """
     margin = int(np.ceil(2 * rate / fade))
     white = rng.standard_normal(frames + 2 * margin)
@@ -300,10 +368,10 @@ def gesture(
     ]
 
 
-def _drop_outs(
+def _draw_drop_outs(
     rng: np.random.Generator, frames: int, markers: int, share: float
 ) -> NDArray[np.bool_]:
-    """Which samples are lost, `(frames, markers)`: stretches of three frames on average."""
+    """Draw which samples are lost, ``(frames, markers)``: gaps of three frames on average."""
     lost = np.zeros((frames, markers), dtype=bool)
     length = 3.0
     for marker in range(markers):

@@ -11,9 +11,10 @@ from functools import cache
 
 import numpy as np
 
-from corpus_tools.simulation.session import gesture as wandering
-from corpus_tools.simulation.traits import Rule, Strict, load_table, traits
+from corpus_tools.simulation.session import draw_gesture
+from corpus_tools.simulation.traits import Rule, get_traits, load_table
 from mocap_fit.phones import PhoneSequence, PhoneSet
+from mocap_fit.settings_file import StrictModel
 from mocap_fit.tracks import FloatArray
 
 RATE = 16000
@@ -37,14 +38,14 @@ class _Sound(Rule):
     closed: float = 0.0
 
 
-class _Formants(Strict):
+class _Formants(StrictModel):
     first: dict[str, float]
     second: dict[str, float]
     third: dict[str, float]
     widths: tuple[float, float, float]
 
 
-class _Voice(Strict):
+class _Voice(StrictModel):
     start: float
     end: float
     accent: float
@@ -55,8 +56,8 @@ class _Voice(Strict):
     peak: float
 
 
-class SpeechSound(Strict):
-    """The table ``speech_sound.toml``."""
+class SpeechSound(StrictModel):
+    """The settings of the synthetic voice, ``speech_sound.toml``."""
 
     sounds: tuple[_Sound, ...]
     formants: _Formants
@@ -65,49 +66,55 @@ class SpeechSound(Strict):
 
 @cache
 def load_speech_sound() -> SpeechSound:
-    """Read the shipped table."""
-    return load_table("speech_sound.toml", SpeechSound)
+    """Load the table that comes with the simulation.
+
+    Returns
+    -------
+    SpeechSound
+        Levels, formants and noise of all phones.
+    """
+    return load_table("speech_sound", SpeechSound)
 
 
-def speech_sound(
+def synthesise_sound(
     phones: PhoneSequence,
     phone_set: PhoneSet,
     rng: np.random.Generator,
     table: SpeechSound | None = None,
 ) -> FloatArray:
-    """Make the sound of phones.
+    """Synthesise a sound whose energy follows the phones.
 
     Parameters
     ----------
     phones
-        Of the set, from 0.
+        The phones, from 0 s.
     phone_set
         Their set.
     rng
-        Of the pitch and the noise.
+        Generator of the pitch and the noise.
     table
-        The shipped one where not given.
+        The voice; the one that comes with the simulation where it is None.
 
     Returns
     -------
-    FloatArray
-        `(samples,)`, at `RATE`, within full scale.
+    ndarray
+        The sound, ``(samples,)``, at `RATE` samples a second, -1 to 1.
     """
     table = load_speech_sound() if table is None else table
     duration = phones[len(phones) - 1].end
     count = round(duration * RATE)
     frames = count // _HOP + _WINDOW // _HOP + 1
     times = (np.arange(frames) * _HOP + _HOP / 2 - _WINDOW / 2) / RATE
-    levels, formants, band, accents = _tracks(phones, phone_set, times, table)
+    levels, formants, band, accents = _compute_tracks(phones, phone_set, times, table)
     pitch = np.interp(times, [0.0, duration], [table.voice.start, table.voice.end])
-    slow = wandering(rng, frames, RATE / _HOP, 2.0, -1.0, 1.0)
+    slow = draw_gesture(rng, frames, RATE / _HOP, 2.0, -1.0, 1.0)
     pitch = pitch * (1.0 + table.voice.accent * accents + table.voice.wandering * slow)
     length = frames * _HOP + _WINDOW
     phase = np.cumsum(np.interp(np.arange(length), np.arange(frames) * _HOP, pitch)) / RATE
     buzz = np.diff(np.floor(phase), prepend=0.0)
     hiss = rng.standard_normal(length)
     frequencies = np.arange(_WINDOW // 2 + 1, dtype=np.float64) * (RATE / _WINDOW)
-    shapes = (_resonances(frequencies, formants, table), _bands(frequencies, band))
+    shapes = (_compute_resonances(frequencies, formants, table), _compute_bands(frequencies, band))
     window = np.sqrt(np.hanning(_WINDOW + 1)[:-1])
     starts = np.arange(frames)[:, None] * _HOP + np.arange(_WINDOW)
     out = np.zeros(length)
@@ -122,65 +129,83 @@ def speech_sound(
     loudest = float(np.abs(out).max())
     if loudest > 0:
         out *= table.voice.peak / loudest
-    room = table.voice.peak * 10.0 ** (table.voice.background / 20.0)
-    return np.asarray(np.clip(out + room * rng.standard_normal(count), -1.0, 1.0))
+    background = table.voice.peak * 10.0 ** (table.voice.background / 20.0)
+    return np.asarray(np.clip(out + background * rng.standard_normal(count), -1.0, 1.0))
 
 
-def sync_pulses(times: FloatArray, samples: int, rate: float = RATE) -> FloatArray:
-    """A channel with a pulse at each of the times.
+def create_sync_pulses(times: FloatArray, samples: int, rate: float = RATE) -> FloatArray:
+    """Create a channel with a pulse at each of the times.
 
     Parameters
     ----------
     times
-        `(frames,)`, seconds; a pulse begins at the nearest sample.
+        Beginnings of the pulses, ``(frames,)``, seconds; each is moved to the nearest sample.
     samples
         Length of the channel.
     rate
-        Samples a second.
+        Samples a second, hertz.
+
+    Returns
+    -------
+    ndarray
+        The channel, ``(samples,)``, 0 to 1.
     """
     channel = np.zeros(samples)
     width = max(1, round(min(_PULSE, _PULSE_SHARE * float(np.median(np.diff(times)))) * rate))
-    for start in pulse_samples(times, rate):
+    for start in locate_pulses(times, rate):
         channel[max(start, 0) : max(start + width, 0)] = _PULSE_HEIGHT
     return channel
 
 
-def pulse_samples(times: FloatArray, rate: float = RATE) -> list[int]:
-    """The samples at which the pulses of times begin."""
+def locate_pulses(times: FloatArray, rate: float = RATE) -> list[int]:
+    """Return the samples at which pulses begin.
+
+    Parameters
+    ----------
+    times
+        Beginnings of the pulses, ``(frames,)``, seconds.
+    rate
+        Samples a second, hertz.
+
+    Returns
+    -------
+    list of int
+        The nearest sample of each.
+    """
     return [int(sample) for sample in np.round(times * rate)]
 
 
-def _tracks(
+def _compute_tracks(
     phones: PhoneSequence, phone_set: PhoneSet, times: FloatArray, table: SpeechSound
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Levels `(frames, 2)`, formants `(frames, 3)`, noise bands `(frames, 2)`, accents."""
+    """Compute levels ``(frames, 2)``, formants ``(frames, 3)``, noise bands and accents."""
     count = len(times)
     levels = np.full((count, 2), _SILENT)
     formants = np.tile([table.formants.first["base"], 1450.0, 2550.0], (count, 1))
     band = np.tile([2000.0, 1000.0], (count, 1))
     accents = np.zeros(count)
-    places = phones.at(times)
+    indices = phones.at(times)
     for i, segment in enumerate(phones):
-        inside = places == i
+        inside = indices == i
         if not inside.any():
             continue
-        found = traits(phone_set.get_phone(segment))
-        sound = next(sound for sound in table.sounds if sound.holds(found))
+        traits = get_traits(phone_set.get_phone(segment))
+        sound = next(sound for sound in table.sounds if sound.is_met_by(traits))
         voice, noise = sound.voice, np.full(int(inside.sum()), sound.noise)
-        if found["vowel"]:
-            voice += table.voice.open * (found["open"] - 1.0)
+        if traits["vowel"]:
+            voice += table.voice.open * (traits["open"] - 1.0)
             voice += 0.0 if segment.stress else table.voice.without_stress
             accents[inside] = float(segment.stress == 1)
         if sound.closed:
             burst = max(segment.start + sound.closed * segment.duration, segment.end - _BURST)
-            if found["fricative"] == 1:
+            if traits["fricative"] == 1:
                 burst = segment.start + sound.closed * segment.duration
             noise[times[inside] < burst] = _SILENT
         levels[inside, 0], levels[inside, 1] = voice, noise
         band[inside] = sound.centre, sound.width
         of = table.formants
         formants[inside] = [
-            row["base"] + sum(factor * found[n] for n, factor in row.items() if n != "base")
+            row["base"] + sum(factor * traits[n] for n, factor in row.items() if n != "base")
             for row in (of.first, of.second, of.third)
         ]
     # Levels change in amplitude: a closure is quick to begin, and never a click.
@@ -196,7 +221,9 @@ def _spread(tracks: FloatArray, frames: int) -> FloatArray:
     return np.stack([np.convolve(row, weights, "valid") for row in padded.T], axis=1)
 
 
-def _resonances(frequencies: FloatArray, formants: FloatArray, table: SpeechSound) -> FloatArray:
+def _compute_resonances(
+    frequencies: FloatArray, formants: FloatArray, table: SpeechSound
+) -> FloatArray:
     """Gain of the vocal tract and the voice's own fall, `(frames, frequencies)`."""
     gain: FloatArray = np.tile(1.0 / (1.0 + (frequencies / 400.0) ** 2), (len(formants), 1))
     for centre, width in zip(formants.T, table.formants.widths, strict=True):
@@ -205,6 +232,6 @@ def _resonances(frequencies: FloatArray, formants: FloatArray, table: SpeechSoun
     return np.asarray(gain)
 
 
-def _bands(frequencies: FloatArray, band: FloatArray) -> FloatArray:
+def _compute_bands(frequencies: FloatArray, band: FloatArray) -> FloatArray:
     centre, width = band[:, :1], band[:, 1:]
     return np.exp(-0.5 * ((frequencies - centre) / width) ** 2)

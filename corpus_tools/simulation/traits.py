@@ -7,17 +7,13 @@ Traits are the features of `mocap_fit.phones` and what follows from them.
 
 from __future__ import annotations
 
-import tomllib
 import unicodedata
-from functools import cache
-from importlib import resources
-from typing import Any, TypeVar
+from typing import TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
+from pydantic import Field, field_validator
 
-from mocap_fit.errors import ConfigurationError
 from mocap_fit.phones import FEATURE_NAMES, Phone
-from mocap_fit.settings_file import find_first_fault
+from mocap_fit.settings_file import StrictModel, load_settings
 
 # Long vowels of ARPAbet, whose IPA here has no mark of length.
 _LONG = frozenset(["IY", "UW", "AA", "AO", "ER"])
@@ -41,15 +37,37 @@ _OTHER_TRAITS = (
 TRAITS = (*FEATURE_NAMES[1:-1], *_OTHER_TRAITS)
 
 
-def plain_sound(phone: Phone) -> str:
-    """The phone's sound in IPA, without length and ties; empty where it has none."""
+def get_plain_sound(phone: Phone) -> str:
+    """Return a phone's sound in IPA, without marks of length and ties.
+
+    Parameters
+    ----------
+    phone
+        A phone of a phone set.
+
+    Returns
+    -------
+    str
+        Letters of the IPA; empty where the phone set gives none.
+    """
     return unicodedata.normalize("NFD", phone.ipa[0]).translate(_MARKS) if phone.ipa else ""
 
 
-def traits(phone: Phone) -> dict[str, float]:
-    """All of `TRAITS` of a phone, 0 where it has nothing of one."""
+def get_traits(phone: Phone) -> dict[str, float]:
+    """Return the strength of each of `TRAITS` in a phone.
+
+    Parameters
+    ----------
+    phone
+        A phone of a phone set.
+
+    Returns
+    -------
+    dict of str to float
+        By the name of the trait, 0 to 1; 0 where the phone does not have it.
+    """
     values = dict(phone.values)
-    sound = plain_sound(phone)
+    sound = get_plain_sound(phone)
     letters = [c for c in sound if unicodedata.category(c).startswith("L")]
     vowel = phone.kind == "vowel"
     consonant = phone.kind == "consonant"
@@ -75,64 +93,70 @@ def traits(phone: Phone) -> dict[str, float]:
     }
 
 
-class Strict(BaseModel):
-    """A table, or a part of one, that knows all its keys."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class Rule(Strict):
-    """What holds for some phones.
+class Rule(StrictModel):
+    """A rule for the phones that have some traits.
 
     Parameters
     ----------
     where
-        Traits that the phone has at least this much.
+        The least strength of each trait, 0 to 1.
     unless
-        Traits of which it may not have so much.
+        The strength that no trait may reach, 0 to 1.
     """
 
     where: dict[str, float]
-    unless: dict[str, float] = {}
+    unless: dict[str, float] = Field(default={})
 
     @field_validator("where", "unless")
     @classmethod
-    def _known(cls, named: dict[str, float]) -> dict[str, float]:
-        unknown = [name for name in named if name not in TRAITS]
+    def _check_traits(cls, strengths: dict[str, float]) -> dict[str, float]:
+        unknown = [name for name in strengths if name not in TRAITS]
         if unknown:
             raise ValueError(f"there is no trait '{unknown[0]}'; use {', '.join(TRAITS)}")
-        return named
+        return strengths
 
-    def holds(self, found: dict[str, float]) -> bool:
-        """Whether it holds for a phone of these traits."""
-        return all(found[name] >= least for name, least in self.where.items()) and not any(
-            found[name] >= most for name, most in self.unless.items()
+    def is_met_by(self, traits: dict[str, float]) -> bool:
+        """Return whether the rule holds for a phone of these traits.
+
+        Parameters
+        ----------
+        traits
+            By the name of the trait, 0 to 1.
+
+        Returns
+        -------
+        bool
+            True where all of ``where`` are reached and none of ``unless`` is.
+        """
+        return all(traits[name] >= least for name, least in self.where.items()) and not any(
+            traits[name] >= most for name, most in self.unless.items()
         )
 
 
-Table = TypeVar("Table", bound=Strict)
+Table = TypeVar("Table", bound=StrictModel)
 
 
-def load_table(file: str, kind: type[Table]) -> Table:
-    """Read a table of this package.
+def load_table(name: str, model: type[Table], folder: str = "") -> Table:
+    """Load a table that comes with the simulation.
+
+    Parameters
+    ----------
+    name
+        The name of the file, without ``.toml``.
+    model
+        The class of its settings.
+    folder
+        The folder of the package that holds it.
+
+    Returns
+    -------
+    StrictModel
+        An instance of ``model``.
 
     Raises
     ------
-    ConfigurationError
-        If it is not there or contradicts itself.
+    MocapFitError
+        If there is no such file, or it contradicts itself.
     """
-    content: dict[str, Any] = {}
-    try:
-        content = tomllib.loads(_text(file))
-        return kind.model_validate(content)
-    except FileNotFoundError:
-        raise ConfigurationError("the simulation has no such table", path=file) from None
-    except ValidationError as error:
-        faults: list[Any] = list(error.errors())
-        place, problem = find_first_fault(content, faults)
-        raise ConfigurationError(f"{place}: {problem}" if place else problem, path=file) from None
-
-
-@cache
-def _text(file: str) -> str:
-    return resources.files("corpus_tools.simulation").joinpath(file).read_text(encoding="utf-8")
+    package = "corpus_tools.simulation"
+    return load_settings(model, name, package=package, folder=folder, noun="table")

@@ -51,7 +51,7 @@ def list_languages() -> tuple[str, ...]:
     tuple[str, ...]
         Such as ``sv``.
     """
-    from corpus_tools.simulation.sentences import languages as known
+    from corpus_tools.simulation.sentences import list_languages as known
 
     return known()
 
@@ -89,14 +89,14 @@ def simulate_corpus(
         If there are no sentences of the language.
     """
     from corpus_tools.simulation.articulation import Articulator
-    from corpus_tools.simulation.durations import spoken as pronounce
+    from corpus_tools.simulation.durations import time_words as pronounce
     from corpus_tools.simulation.sentences import load_language
-    from corpus_tools.simulation.writing import is_test
+    from corpus_tools.simulation.simulate import is_test
     from mocap_fit.face import load_face
 
     known = load_language(language)
     face = load_face()
-    sentences = known.sentences(utterances, np.random.default_rng([seed, _SENTENCES]))
+    sentences = known.draw_sentences(utterances, np.random.default_rng([seed, _SENTENCES]))
     speaker = Articulator(face, known.phone_set, np.random.default_rng([seed, _SPEAKER]))
     spoken = []
     advance = count_steps(progress, f"simulating {language} sentences", utterances)

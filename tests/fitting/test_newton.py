@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from corpus_tools.simulation import Conditions, Session, gesture
+from corpus_tools.simulation import Conditions, Session, draw_gesture
 from mocap_fit.fitting import Binding, ShapeFit, bind_markers, fit_orientation, fit_shape
 from mocap_fit.fitting.objective import OBJECTIVES, Evaluator
 from mocap_fit.fitting.solving import NEWTON, NEWTON_NLOPT
@@ -25,7 +25,7 @@ EVERY = pytest.mark.parametrize("objective", OBJECTIVES)
 
 def speech(rng: np.random.Generator, frames: int) -> FloatArray:
     """Smooth parameter tracks, `(frames, 10)`."""
-    return np.stack([gesture(rng, frames, 60.0, 3.0, -0.2, 0.9) for _ in range(10)], axis=1)
+    return np.stack([draw_gesture(rng, frames, 60.0, 3.0, -0.2, 0.9) for _ in range(10)], axis=1)
 
 
 def seen(binding: Binding, values: FloatArray, noise: float, rng) -> MarkerTracks:
@@ -303,7 +303,7 @@ def test_newton_and_nlopt_agree_on_many_simulated_frames(face, layout, monkeypat
     for seed, generator in enumerate(np.random.default_rng(2026).spawn(16)):
         noise = (0.1, 0.3, 0.3, 0.5)[seed % 4]
         session = Session(layout, face, Conditions(noise=noise, duration=5.0))
-        reference = session.reference(generator)
+        reference = session.record_reference(generator)
         binding = bind_markers(face, layout, reference, fit_orientation(face, layout, reference))
         recording = session.record(generator, f"simulated {seed} ({noise} mm)").recording
         still, _ = remove_head_motion(recording, reference, names=names)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from corpus_tools.demonstration.comparison import FittedRecording, measure_accuracy
-from corpus_tools.simulation import Conditions, Session, gesture
+from corpus_tools.simulation import Conditions, Session, draw_gesture
 from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.face import Rig
 from mocap_fit.fitting import Binding, Layout, bind_markers, fit_orientation, fit_shape
@@ -406,7 +406,7 @@ def test_fit_and_recording_belong_together(binding: Binding, recording, alone) -
 def test_the_error_is_below_the_bound_of_a_frame(layout: Layout, face: Rig, objective) -> None:
     session = Session(layout, face, Conditions(noise=0.3, duration=30))
     first, second = np.random.default_rng(7).spawn(2)
-    reference = session.reference(first)
+    reference = session.record_reference(first)
     binding = bind_markers(face, layout, reference, fit_orientation(face, layout, reference))
     made = session.record(second, "sim")
     weights = {m.name: m.weight for m in layout.head_markers}
@@ -488,7 +488,7 @@ def closures(names: tuple[str, ...], rng: np.random.Generator, every: float):
         spans.append((start, end))
 
     def slow(lower: float, upper: float) -> np.ndarray:
-        return gesture(rng, len(times), RATE, 1.5, lower, upper)
+        return draw_gesture(rng, len(times), RATE, 1.5, lower, upper)
 
     tracks = dict.fromkeys(names, np.zeros_like(times)) | {
         "lip_rounding": slow(-0.1, 0.15),

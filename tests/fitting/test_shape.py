@@ -144,7 +144,9 @@ def test_a_refined_pose_helps_when_the_pose_is_noisy(session, rng, face, layout)
     simulation = noisy.record(rng, "noisy")
     names = [m.name for m in layout.head_markers]
     # Laid on the reference in the laboratory, then back to the head's own coordinates.
-    reference = Session(layout, face, Conditions(noise=0.0, reference_duration=0.1)).reference(rng)
+    reference = Session(
+        layout, face, Conditions(noise=0.0, reference_duration=0.1)
+    ).record_reference(rng)
     from mocap_fit.fitting import bind_markers, fit_orientation
 
     orientation = fit_orientation(face, layout, reference)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from corpus_tools.cli import app as cli
-from corpus_tools.simulation import Conditions, gesture
+from corpus_tools.simulation import Conditions, draw_gesture
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.fitting import fit_speaker
 from mocap_fit.io import read_tracks
@@ -167,7 +167,7 @@ def test_another_speaker_has_another_head(simulate, session, tmp_path):
 
 
 def test_gestures_are_smooth_and_use_their_range(rng):
-    track = gesture(rng, 6000, 60.0, 3.0, -0.2, 0.8)
+    track = draw_gesture(rng, 6000, 60.0, 3.0, -0.2, 0.8)
     assert track.min() >= -0.2
     assert track.max() <= 0.8
     histogram, _ = np.histogram(track, bins=5, range=(-0.2, 0.8))

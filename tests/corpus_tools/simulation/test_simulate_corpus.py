@@ -9,13 +9,12 @@ import pytest
 from corpus_tools.cli import app as cli
 from corpus_tools.conversion.entries import list_entries
 from corpus_tools.conversion.manifest import load_manifest
-from corpus_tools.simulation import languages
-from corpus_tools.simulation.dynamics import lip_distances
-from corpus_tools.simulation.writing import is_test
+from corpus_tools.simulation import list_languages
+from corpus_tools.simulation.dynamics import measure_lip_distances
+from corpus_tools.simulation.simulate import is_test
 from mocap_fit.face import load_face
 from mocap_fit.io import read_tracks
-from mocap_fit.labels import read_phones
-from mocap_fit.labels import read_labels
+from mocap_fit.labels import read_labels, read_phones
 from mocap_fit.phones import load_phone_set, normalise_phones
 from mocap_fit.sound import decode_pulses, energy_db, read_sound
 from mocap_fit.tracks import read_parquet
@@ -40,7 +39,7 @@ def hashes(path):
 @pytest.fixture(scope="module")
 def corpora(tmp_path_factory):
     root = tmp_path_factory.mktemp("corpora")
-    return {lang: simulated(root / lang, "--lang", lang) for lang in languages()}
+    return {lang: simulated(root / lang, "--lang", lang) for lang in list_languages()}
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +49,7 @@ def spoken_by_espeak(tmp_path_factory):
     return simulated(path, "--lang", "en", "--durations", "espeak")
 
 
-@pytest.fixture(params=[*languages(), "espeak"])
+@pytest.fixture(params=[*list_languages(), "espeak"])
 def corpus(request, corpora):
     if request.param == "espeak":
         return request.getfixturevalue("spoken_by_espeak")
@@ -134,7 +133,7 @@ def test_face_and_sound_agree_with_the_labels(corpus):
             phone = phone_set.get_phone(segment)
             if "bilabial_stop" in phone.get_classes():
                 values = [np.interp(segment.centre, truth.times, row) for row in truth.values.T]
-                closures.append(lip_distances(face, np.array([values]))[0])
+                closures.append(measure_lip_distances(face, np.array([values]))[0])
             if phone.kind in energies:
                 energies[phone.kind].append(level)
     assert all(gap < 0.5 for gap in closures)

@@ -6,20 +6,31 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from corpus_tools.simulation.durations import PAUSE, SpokenPhone, SpokenWord, load_durations, spoken
-from corpus_tools.simulation.sentences import LanguageFile, languages, load_language, read_language
+from corpus_tools.simulation.durations import (
+    PAUSE,
+    SpokenPhone,
+    SpokenWord,
+    load_durations,
+    time_words,
+)
+from corpus_tools.simulation.sentences import (
+    LanguageFile,
+    list_languages,
+    load_language,
+    read_language,
+)
 from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.phones import find_unknown_phones
 
-every_language = pytest.mark.parametrize("language", languages())
+every_language = pytest.mark.parametrize("language", list_languages())
 COUNT = 287
 
 
 @pytest.fixture(scope="module")
 def drawn():
     return {
-        language: load_language(language).sentences(COUNT, np.random.default_rng(0))
-        for language in languages()
+        language: load_language(language).draw_sentences(COUNT, np.random.default_rng(0))
+        for language in list_languages()
     }
 
 
@@ -28,7 +39,7 @@ def symbols(sentence):
 
 
 def test_the_three_languages():
-    assert languages() == ("cs", "en", "sv")
+    assert list_languages() == ("cs", "en", "sv")
 
 
 @every_language
@@ -76,9 +87,9 @@ def test_sentences_are_different_and_of_the_length_asked_for(drawn, language):
 
 @every_language
 def test_the_first_sentences_do_not_depend_on_the_count(drawn, language):
-    few = load_language(language).sentences(10, np.random.default_rng(0))
+    few = load_language(language).draw_sentences(10, np.random.default_rng(0))
     assert few == drawn[language][:10]
-    other = load_language(language).sentences(10, np.random.default_rng(1))
+    other = load_language(language).draw_sentences(10, np.random.default_rng(1))
     assert not {s.text for s in few} & {s.text for s in other}
 
 
@@ -160,12 +171,12 @@ def language_file(**changes):
 
 def test_a_language_of_ones_own():
     language = read_language(language_file(), "mine.toml")
-    assert {s.text for s in language.sentences(2, np.random.default_rng(0))} == {
+    assert {s.text for s in language.draw_sentences(2, np.random.default_rng(0))} == {
         "Bo ser.",
         "Eva ser.",
     }
     with pytest.raises(DataError, match="2 different ones"):
-        language.sentences(3, np.random.default_rng(0))
+        language.draw_sentences(3, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(
@@ -196,7 +207,7 @@ def test_durations_are_plausible(drawn, language):
     chosen = load_language(language)
     whole, sounding, phones = [], 0.0, 0
     for i, sentence in enumerate(drawn[language][:40]):
-        sequence = spoken(sentence.words, chosen.phone_set, np.random.default_rng(i))
+        sequence = time_words(sentence.words, chosen.phone_set, np.random.default_rng(i))
         assert sequence[0].start == 0
         assert sequence.find_gaps() == ()
         assert not find_unknown_phones(sequence, chosen.phone_set)
@@ -216,7 +227,7 @@ def test_durations_are_plausible(drawn, language):
 
 def mean_duration(words, place, phone_set, count=100):
     rng = np.random.default_rng(0)
-    found = [spoken(words, phone_set, rng)[place].duration for _ in range(count)]
+    found = [time_words(words, phone_set, rng)[place].duration for _ in range(count)]
     return np.mean(found)
 
 
@@ -260,14 +271,14 @@ def test_no_phone_is_shorter_than_its_least():
     rng = np.random.default_rng(1)
     bound = least * np.exp(-2.5 * (table.noise.rate + table.noise.phone))
     for _ in range(20):
-        for segment in spoken(words, phone_set, rng):
+        for segment in time_words(words, phone_set, rng):
             assert segment.duration > bound - 1e-4
 
 
 def test_silence_is_added_where_asked_for():
     words, phone_set = swedish("Bo ser en båt")
-    plain = spoken(words, phone_set, np.random.default_rng(2))
-    padded = spoken(words, phone_set, np.random.default_rng(2), start=0.5, end=0.25)
+    plain = time_words(words, phone_set, np.random.default_rng(2))
+    padded = time_words(words, phone_set, np.random.default_rng(2), start=0.5, end=0.25)
     assert padded[1].start == pytest.approx(plain[1].start + 0.5)
     assert padded.duration == pytest.approx(plain.duration + 0.75, abs=2e-3)
     # The whole is a number of milliseconds.

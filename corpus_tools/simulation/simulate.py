@@ -1,4 +1,4 @@
-"""What ``mocap-fit simulate`` writes: a corpus as a lab has it, and its truth."""
+"""Simulate recordings, labels and sound as a lab has them, with the truth beside them."""
 
 from __future__ import annotations
 
@@ -43,21 +43,44 @@ _SENTENCES, _SPEAKER = 1, 2
 
 @dataclass(frozen=True)
 class Spoken:
-    """What a simulated corpus is of.
+    """The speech of a simulated corpus.
 
     Parameters
     ----------
     language
-        One that there are sentences of.
+        A language that sentences can be simulated in, such as ``sv``.
     durations
-        Where times and sound are from: our model, or espeak-ng.
+        Where times and sound come from: our model, or espeak-ng.
     drift
-        Millionths by which the frames are faster than they say, on the clock of the sound.
+        How much faster the frames are than they say, on the clock of the sound, millionths.
     """
 
     language: str = "sv"
     durations: DurationSource = "model"
     drift: float = 20.0
+
+
+@dataclass(frozen=True)
+class SimulatedCorpus:
+    """A folder of simulated recordings.
+
+    Parameters
+    ----------
+    folder
+        The folder; ``truth`` in it holds the true parameters and poses.
+    names
+        Names of the recordings.
+    manifest
+        The manifest for `corpus_tools.convert`; None where nothing is spoken.
+    """
+
+    folder: Path
+    names: tuple[str, ...]
+    manifest: Path | None = None
+
+    def __repr__(self) -> str:
+        speech = "sentences" if self.manifest else "recordings of free gestures"
+        return f"SimulatedCorpus({str(self.folder)!r}: {len(self.names)} {speech})"
 
 
 def simulate(
@@ -67,11 +90,11 @@ def simulate(
     seed: int = 0,
     layout: str = "face30-head5",
     conditions: Conditions | None = None,
-    head: dict[str, float] | None = None,
-    spoken: Spoken | None = None,
+    head: Mapping[str, float] | None = None,
+    spoken: Spoken | None = Spoken(),
     progress: TaskProgress | None = None,
-) -> Path:
-    """Write a simulated session: recordings, the reference pose, and the truth beside them.
+) -> SimulatedCorpus:
+    """Simulate a session: recordings, the reference pose, and the truth beside them.
 
     Parameters
     ----------
@@ -80,27 +103,35 @@ def simulate(
     utterances
         Number of recordings.
     seed
-        The same seed gives the same files.
+        Seed of all that is random; the same seed gives the same files.
     layout
-        A layout's name or file.
+        Name or file of a marker layout.
     conditions
-        What the session is like; its duration counts for free gestures only.
+        The conditions of the session; the default ones where it is None. The duration counts for
+        free gestures only.
     head
-        Proportions of the speaker's head, for `reshape_head`; the built-in head where not given.
+        Proportions of the speaker's head for `reshape_head`, no unit; the built-in head where it
+        is None.
     spoken
-        What is spoken, with labels, sound and a manifest. Without it the face makes free gestures,
-        and says nothing.
+        What is spoken, with labels, sound and a manifest. Where it is None, the face makes free
+        gestures and says nothing.
     progress
         Called with the task, the number of recordings written, and of all.
 
     Returns
     -------
-    Path
-        The folder.
+    SimulatedCorpus
+        The folder and the names of its recordings.
+
+    Raises
+    ------
+    MocapFitError
+        If the folder is not empty, or layout, conditions or language cannot be used.
     """
-    out, conditions = Path(out), conditions or Conditions()
+    out = Path(out)
+    conditions = Conditions() if conditions is None else conditions
     advance = count_steps(progress, "simulating recordings", utterances)
-    session = _session(out, layout, conditions, head)
+    session = _prepare_session(out, layout, conditions, head)
     takes = None if spoken is None else _Takes(session, spoken, utterances, seed)
     folders = [out / "recordings", out / "truth" / "tracks", out / "truth" / "head"]
     if takes is not None:
@@ -108,7 +139,7 @@ def simulate(
     for folder in (out, *folders):
         make_folder(folder)
     generators = np.random.default_rng(seed).spawn(utterances + 1)
-    write_qualisys_tsv(session.reference(generators[0]), out / "reference.tsv")
+    write_qualisys_tsv(session.record_reference(generators[0]), out / "reference.tsv")
     width = max(3, len(str(utterances)))
     names = [f"sim{i + 1:0{width}d}" for i in range(utterances)]
     clocks: dict[str, Any] = {}
@@ -124,22 +155,33 @@ def simulate(
         advance()
     if takes is not None:
         write_json(out / "truth" / "sync.json", clocks)
-        write_text(out / "sentences.tsv", takes.table(names))
+        write_text(out / "sentences.tsv", takes.format_table(names))
         if layout not in list_layouts():
             # A manifest names files under its root alone.
             write_text(out / _LAYOUT, Path(layout).read_text(encoding="utf-8"))
             layout = _LAYOUT
-        write_text(out / "manifest.toml", takes.manifest(layout))
-    return out
+        write_text(out / "manifest.toml", takes.format_manifest(layout))
+    return SimulatedCorpus(out, tuple(names), None if takes is None else out / "manifest.toml")
 
 
 def is_test(utterance: int) -> bool:
-    """Whether an utterance, counted from 0, is for the test: 87 of 287, evenly spread."""
+    """Return whether an utterance is for the test: 87 of 287, evenly spread.
+
+    Parameters
+    ----------
+    utterance
+        Its index, from 0.
+
+    Returns
+    -------
+    bool
+        True for the test, False for training.
+    """
     return (utterance + 1) * _TEST // _OF > utterance * _TEST // _OF
 
 
 class _Takes:
-    """Sentences, and a speaker who says them."""
+    """Sentences and the speaker who says them."""
 
     def __init__(self, session: Session, spoken: Spoken, utterances: int, seed: int) -> None:
         from corpus_tools.simulation.articulation import Articulator
@@ -153,7 +195,7 @@ class _Takes:
             "drift_ppm": spoken.drift,
         }
         self.language = load_language(spoken.language)
-        self.sentences = self.language.sentences(
+        self.sentences = self.language.draw_sentences(
             utterances, np.random.default_rng([seed, _SENTENCES])
         )
         self.voice = None
@@ -168,13 +210,13 @@ class _Takes:
     def record(
         self, index: int, name: str, rng: np.random.Generator, out: Path
     ) -> tuple[Simulation, Mapping[str, Any]]:
-        """Say a sentence, and write its sound and labels; gives what the clocks were."""
-        from corpus_tools.simulation.speech_sound import pulse_samples, sync_pulses
+        """Record a sentence, write its sound and labels, and return the state of the clocks."""
+        from corpus_tools.simulation.speech_sound import create_sync_pulses, locate_pulses
         from mocap_fit.sound import Sound, write_sound
 
         timing, voice, face, cameras = rng.spawn(4)
         before, after = timing.uniform(*_BEFORE), timing.uniform(*_AFTER)
-        phones, speech = self._speech(index, name, before, after, timing, voice)
+        phones, speech = self._speak(index, name, before, after, timing, voice)
         rate = self.session.conditions.rate
         real_rate = rate * (1.0 + self.spoken.drift * 1e-6)
         end = speech.duration - after
@@ -186,7 +228,7 @@ class _Takes:
             start_time=before,
             name=name,
         ).add_step("simulate", self.step)
-        pulses = sync_pulses(times, len(speech), speech.rate)
+        pulses = create_sync_pulses(times, len(speech), speech.rate)
         both = Sound(np.stack([speech.get_channel(1), pulses], axis=1), speech.rate)
         write_sound(both, out / "sound" / f"{name}.wav")
         labels = to_labels(phones, speech.duration, self.language.phone_set)
@@ -196,12 +238,12 @@ class _Takes:
             "drift_ppm": self.spoken.drift,
             "frames": len(times),
             "frame_rate": real_rate,
-            "first_pulse_sample": pulse_samples(times[:1], speech.rate)[0],
+            "first_pulse_sample": locate_pulses(times[:1], speech.rate)[0],
             "sound_rate": speech.rate,
         }
         return self.session.play(truth, cameras), clock
 
-    def _speech(
+    def _speak(
         self,
         index: int,
         name: str,
@@ -210,33 +252,35 @@ class _Takes:
         timing: np.random.Generator,
         voice: np.random.Generator,
     ) -> tuple[PhoneSequence, Sound]:
-        from corpus_tools.simulation.durations import load_durations, spoken
-        from corpus_tools.simulation.speech_sound import RATE, speech_sound
+        from corpus_tools.simulation.durations import load_durations, time_words
+        from corpus_tools.simulation.speech_sound import RATE, synthesise_sound
         from mocap_fit.sound import Sound
 
         phone_set, sentence = self.language.phone_set, self.sentences[index]
         if self.spoken.durations == "model":
-            phones = spoken(sentence.words, phone_set, timing, name=name, start=before, end=after)
-            return phones, Sound(speech_sound(phones, phone_set, voice), RATE, name=name)
+            phones = time_words(
+                sentence.words, phone_set, timing, name=name, start=before, end=after
+            )
+            return phones, Sound(synthesise_sound(phones, phone_set, voice), RATE, name=name)
         assert self.voice is not None
-        said = self.voice.speak(
+        result = self.voice.speak(
             sentence.text,
             name=name,
             words_per_minute=_WORDS_PER_MINUTE * np.exp(timing.uniform(-_HASTE, _HASTE)),
             silence=max(before, after) + timing.uniform(*load_durations().pauses.before),
         )
-        return said.phones, said.sound
+        return result.phones, result.sound
 
-    def table(self, names: list[str]) -> str:
-        """``sentences.tsv``."""
+    def format_table(self, names: list[str]) -> str:
+        """Return the text of ``sentences.tsv``."""
         rows = ["utterance\tsplit\ttext\tspeaker\tsession"]
         for i, (name, sentence) in enumerate(zip(names, self.sentences, strict=True)):
             split = "test" if is_test(i) else "train"
             rows.append(f"{name}\t{split}\t{sentence.text}\t{SPEAKER}\t{SESSION}")
         return "\n".join(rows) + "\n"
 
-    def manifest(self, layout: str) -> str:
-        """``manifest.toml``."""
+    def format_manifest(self, layout: str) -> str:
+        """Return the text of ``manifest.toml``."""
         return f"""\
 # A corpus that `mocap-fit simulate` made; its truth is in truth/.
 # mocap-fit convert manifest.toml --root . --out CORPUS
@@ -270,8 +314,8 @@ speaker = "{SPEAKER}"
 """
 
 
-def _session(
-    out: Path, layout: str, conditions: Conditions, head: dict[str, float] | None
+def _prepare_session(
+    out: Path, layout: str, conditions: Conditions, head: Mapping[str, float] | None
 ) -> Session:
     from mocap_fit.face.builtin import load_built_in_head, reshape_head
 
