@@ -6,7 +6,7 @@ from corpus_tools.cli import console, display
 from corpus_tools.cli.corpus_printing import print_conversion
 from corpus_tools.demonstration.demo import DemoReport
 from corpus_tools.demonstration.fitting import EXPLAINED, to_head_table, to_parameter_table
-from corpus_tools.training.score_tables import to_short_table
+from mocap_fit.evaluation import GROUPS
 
 
 def print_demo(report: DemoReport) -> None:
@@ -42,5 +42,5 @@ def print_demo(report: DemoReport) -> None:
         f"\nControl models on {result.utterances} sentences that they have not seen (the "
         f"networks stop after at most {report.talk.report['network_epochs_at_most']} epochs):\n"
     )
-    screen.print(display.create_table(*to_short_table(result)), "")
+    screen.print(display.create_table(*result.to_rows(GROUPS[:1])), "")
     display.print_lines("Written:", *(f"  {path}" for path in report.files))

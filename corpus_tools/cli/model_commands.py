@@ -193,7 +193,8 @@ def evaluate(
 
 
 def _print_evaluation(report: EvaluationReport) -> None:
-    from corpus_tools.training import score_tables
+    from corpus_tools.training.evaluate import LANDMARKS_EXPLAINED
+    from mocap_fit.evaluation import GROUPS
 
     screen = display.create_screen()
     scores = report.scores
@@ -201,8 +202,8 @@ def _print_evaluation(report: EvaluationReport) -> None:
         f"{scores.utterances} utterances, {scores.frames[0]} frames of speech; all but silence, "
         "average over the parameters, 95 % intervals over utterances:\n"
     )
-    screen.print(display.create_table(*score_tables.to_short_table(scores)), "")
+    screen.print(display.create_table(*scores.to_rows(GROUPS[:1])), "")
     if report.landmarks is not None:
-        table = display.create_table(*score_tables.to_landmark_table(report.landmarks))
-        screen.print(score_tables.LANDMARKS_EXPLAINED, "", table, "", sep="\n")
+        table = display.create_table(*report.landmarks.to_rows())
+        screen.print(LANDMARKS_EXPLAINED, "", table, "", sep="\n")
     display.print_lines("Written:", *(f"  {path}" for path in report.files))

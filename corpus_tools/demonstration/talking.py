@@ -166,7 +166,7 @@ def _train(
 def _choose_models(result: Evaluation, models: dict[str, ControlModel]) -> tuple[str, str]:
     """Return the best of the models that learned, and the rules."""
     rules = next(name for name, model in models.items() if model.name == "rule-based")
-    best = next(name for name in result.ranking() if name != rules)
+    best = next(name for name in result.rank_models() if name != rules)
     return best, rules
 
 

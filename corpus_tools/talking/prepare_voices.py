@@ -155,7 +155,7 @@ def prepare_voices(
                 corpus = speak_models.simulate_corpus(language, utterances, progress=progress)
             result = speak_models.score_models(corpus, models, progress=progress)
             evaluations[language] = result
-            averages = result.averages("rmse")[0][:, 0]
+            averages = result.compute_averages("rmse")[0][:, 0]
             scores = {
                 name: {"rmse_percent": float(average), "bilabials_closed": result.closed[name]}
                 for name, average in zip(result.models, averages, strict=True)

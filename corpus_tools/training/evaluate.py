@@ -11,7 +11,6 @@ from typing import Any
 from corpus_tools import html_page
 from corpus_tools.json_file import write_json
 from corpus_tools.tasks import TaskProgress, count_steps
-from corpus_tools.training import score_tables
 from mocap_fit import control, evaluation
 from mocap_fit.atomic_file import make_folder, write_text
 from mocap_fit.control import ControlModel
@@ -19,10 +18,15 @@ from mocap_fit.control.cohen_massaro import CohenMassaro
 from mocap_fit.corpus import Corpus, Utterance, open_corpus
 from mocap_fit.drawing import save_figure
 from mocap_fit.errors import ConfigurationError, DataError
-from mocap_fit.evaluation import Evaluation, LandmarkScores, figures
+from mocap_fit.evaluation import GROUPS, Evaluation, LandmarkScores, figures
 from mocap_fit.evaluation.landmarks import MEASURES
+from mocap_fit.evaluation.tables import format_percent
 from mocap_fit.processes import use_one_thread
 
+LANDMARKS_EXPLAINED = (
+    "Correlation of the predicted face with the markers themselves, over the frames that are not "
+    "silent, each utterance's mean taken from both; the fitted tracks show what the fit leaves."
+)
 # Largest number of segments in a figure of dominance functions.
 _SEGMENTS = 100
 
@@ -59,7 +63,7 @@ class EvaluationReport:
         return {**content, "files": list(self.files)}
 
     def __repr__(self) -> str:
-        header, rows = score_tables.to_short_table(self.scores)
+        header, rows = self.scores.to_rows(GROUPS[:1])
         lines = [f"EvaluationReport({self.scores.utterances} utterances, page={self.files[0]})"]
         return "\n".join([*lines, *("  " + "  ".join(row) for row in (header, *rows))])
 
@@ -137,7 +141,7 @@ def evaluate(
     )
     beside = None
     if landmarks:
-        beside = evaluation.landmark_scores(
+        beside = evaluation.evaluate_landmarks(
             scored,
             loaded,
             face=face,
@@ -247,10 +251,10 @@ def write_evaluation(
     tracks, phones = shown.read_tracks(), shown.read_phones()
     predictions = {name: m.predict_at(phones, tracks.times) for name, m in models.items()}
     calls: dict[str, tuple[Any, ...]] = {
-        "scores": (figures.score_figure, result),
-        "parameters": (figures.parameter_figure, result),
+        "scores": (figures.plot_scores, result),
+        "parameters": (figures.plot_parameters, result),
         "trajectories": (
-            figures.trajectory_figure,
+            figures.plot_trajectories,
             tracks,
             predictions,
             phones,
@@ -262,14 +266,14 @@ def write_evaluation(
         label = "".join(c if c.isalnum() else "_" for c in name).lower()
         if isinstance(model, CohenMassaro) and len(phones) <= _SEGMENTS:
             calls[f"dominance_{label}"] = (
-                figures.dominance_figure,
+                figures.plot_dominances,
                 model,
                 tracks,
                 phones,
                 parameter,
             )
         if model.log_:
-            calls[f"training_{label}"] = (figures.training_figure, model.log_, f"Training: {name}")
+            calls[f"training_{label}"] = (figures.plot_training, model.log_, f"Training: {name}")
     files = []
     advance = count_steps(progress, "drawing figures", len(calls))
     for name, call in calls.items():
@@ -279,13 +283,13 @@ def write_evaluation(
         advance()
     parts = format_sections(result, out, list(calls))
     if landmarks is not None:
-        header, rows = score_tables.to_landmark_table(landmarks)
+        header, rows = landmarks.to_rows()
         lines = [",".join(row) for row in (header, *rows)]
         write_text(out / "landmarks.csv", "\n".join(lines) + "\n")
         files.append(out / "landmarks.csv")
         parts += [
             html_page.format_heading("Compared with the markers"),
-            html_page.format_paragraph(score_tables.LANDMARKS_EXPLAINED),
+            html_page.format_paragraph(LANDMARKS_EXPLAINED),
             html_page.format_table(header, rows),
         ]
     write_text(out / "index.html", html_page.format_page(title, parts))
@@ -321,14 +325,14 @@ def format_sections(result: Evaluation, out: Path, pictures: Sequence[str]) -> l
             "Pearson's correlation, both averaged over the parameters; in brackets the 95 % "
             "interval by bootstrap over utterances."
         ),
-        html_page.format_table(*score_tables.to_score_table(result)),
+        html_page.format_table(*result.to_rows()),
     ]
     if result.closed:
         parts.append(
             html_page.format_paragraph(
                 f"Lips closed: the part of the {result.bilabials} bilabials whose inner lip gap "
                 "falls under 10 % of that of open vowels. "
-                f"Measured tracks: {score_tables.format_percent(result.closed['target'])}."
+                f"Measured tracks: {format_percent(result.closed['target'])}."
             )
         )
     if len(result.models) > 1:
@@ -338,7 +342,7 @@ def format_sections(result: Evaluation, out: Path, pictures: Sequence[str]) -> l
                 "Average RMSE over all but silence, of the first less the second, on the same "
                 "bootstrap samples; p is two-sided."
             ),
-            html_page.format_table(*score_tables.to_difference_table(result)),
+            html_page.format_table(*result.to_difference_rows()),
         ]
     parts.append(html_page.format_heading("Figures"))
     parts += [

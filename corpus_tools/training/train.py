@@ -214,7 +214,7 @@ def sweep_look_ahead(
     from mocap_fit.control.networks import LowLatencyNetworks
     from mocap_fit.control.networks.look_ahead_sweep import sweep_look_ahead as train_networks
     from mocap_fit.drawing import save_figure
-    from mocap_fit.evaluation.figures import look_ahead_figure
+    from mocap_fit.evaluation.figures import plot_look_ahead
 
     model = control.create(LowLatencyNetworks.name, **(settings or {}))
     assert isinstance(model, LowLatencyNetworks)
@@ -231,7 +231,7 @@ def sweep_look_ahead(
     write_text(table, "\n".join(lines) + "\n")
     save_figure(
         figure,
-        look_ahead_figure,
+        plot_look_ahead,
         [point.look_ahead for point in points],
         [point.error for point in points],
     )

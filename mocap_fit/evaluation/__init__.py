@@ -1,8 +1,8 @@
 """Evaluation of control models: error measures, tables, figures."""
 
-from mocap_fit.evaluation.closure import Gaps, segment_gaps
+from mocap_fit.evaluation.closure import LipGaps, measure_gaps
 from mocap_fit.evaluation.evaluation import Difference, Evaluation, evaluate
-from mocap_fit.evaluation.landmarks import LandmarkScores, landmark_scores
+from mocap_fit.evaluation.landmarks import LandmarkScores, evaluate_landmarks
 from mocap_fit.evaluation.measures import DEFINITIONS, GROUPS
 
 __all__ = [
@@ -10,9 +10,9 @@ __all__ = [
     "GROUPS",
     "Difference",
     "Evaluation",
-    "Gaps",
     "LandmarkScores",
+    "LipGaps",
     "evaluate",
-    "landmark_scores",
-    "segment_gaps",
+    "evaluate_landmarks",
+    "measure_gaps",
 ]

@@ -2,51 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocap_fit.control import ControlModel
-from mocap_fit.corpus import Corpus, Utterance
+from mocap_fit.control.single_thread import limit_to_one_thread
+from mocap_fit.corpus import Corpus
 from mocap_fit.errors import DataError
-from mocap_fit.evaluation.closure import Gaps, segment_gaps, together
+from mocap_fit.evaluation.closure import LipGaps, concatenate_gaps, measure_gaps
 from mocap_fit.evaluation.measures import (
     DEFINITIONS,
     GROUPS,
     SUMS,
     average,
-    frame_groups,
-    interval,
-    resample_counts,
-    scores,
-    two_sided_p,
-    utterance_sums,
+    compute_interval,
+    compute_p_value,
+    compute_scores,
+    draw_resamples,
+    mark_groups,
+    sum_utterance,
 )
+from mocap_fit.evaluation.tables import format_html, format_percent, format_text, format_value
 from mocap_fit.face import Rig, load_face
 from mocap_fit.tracks import FloatArray
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
 
 RESAMPLES = 2000
 
 
 @dataclass(frozen=True)
 class Difference:
-    """The first model's average error less the second's, per cent of the range, paired.
+    """The first model's average error less the second's, paired by utterance.
 
     Parameters
     ----------
     first, second
         Names of the models.
     group
-        Of the frames.
-    value, low, high
-        The difference and its 95 % interval.
+        Of the frames, one of `GROUPS`.
+    value
+        The difference, per cent of the range.
+    low, high
+        Its 95 % interval, per cent of the range.
     p
-        `two_sided_p` of it.
+        Its two-sided p-value, 0 to 1.
     """
 
     first: str
@@ -58,31 +65,38 @@ class Difference:
     p: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Evaluation:
-    """What came of scoring models on a corpus; `mocap_fit.evaluation.measures` defines it.
+    """Scores of models on a corpus; `mocap_fit.evaluation.measures` defines them.
 
     Parameters
     ----------
     models, parameters
         Names, in order.
-    utterances, frames
-        How many were scored; frames of each of `GROUPS`.
+    utterances
+        Number of utterances that were scored.
+    frames
+        Number of frames of each of `GROUPS`.
     ranges
-        `(parameters,)`, of the targets.
-    rmse, correlation
-        `(models, groups, parameters)`; RMSE in per cent of the range.
-    rmse_samples, correlation_samples
-        `(resamples, models, groups, parameters)`: the same for bootstrap samples of the utterances.
+        Ranges of the targets, ``(parameters,)``, in the unit of each parameter.
+    rmse
+        ``(models, groups, parameters)``, per cent of the range.
+    correlation
+        ``(models, groups, parameters)``, -1 to 1.
+    rmse_samples
+        RMSE of bootstrap samples of the utterances, ``(resamples, models, groups, parameters)``,
+        per cent of the range.
+    correlation_samples
+        Correlation of the same samples, ``(resamples, models, groups, parameters)``, -1 to 1.
     parameter_counts
-        Free parameters of each model.
+        Number of free parameters of each model.
     closed
-        Part of the bilabials whose lips close, by model, and ``target``; empty where the face is
-        not known.
+        Part of the bilabials whose lips close, by model, and ``target``, 0 to 1; empty where the
+        face is not known.
     bilabials
-        How many bilabials there were.
+        Number of bilabials.
     seed
-        Of the bootstrap.
+        Seed of the bootstrap.
     """
 
     models: tuple[str, ...]
@@ -99,50 +113,186 @@ class Evaluation:
     bilabials: int
     seed: int
 
-    def averages(self, measure: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Averages over the parameters and their 95 % intervals, `(models, groups)` each.
+    def __repr__(self) -> str:
+        best = self.rank_models()[0]
+        return (
+            f"Evaluation of {len(self.models)} models on {self.utterances} utterances, "
+            f"{self.frames[0]} frames of speech; the least error has '{best}'"
+        )
+
+    def __str__(self) -> str:
+        return format_text(*self.to_rows(GROUPS[:1]))
+
+    def _repr_html_(self) -> str:
+        return format_html(*self.to_rows())
+
+    def equals(self, other: object) -> bool:
+        """Return whether another evaluation has the same scores and samples.
+
+        Parameters
+        ----------
+        other
+            Anything.
+
+        Returns
+        -------
+        bool
+            NaN counts as equal to NaN.
+        """
+        if not isinstance(other, Evaluation):
+            return False
+        pairs = [
+            (getattr(self, field.name), getattr(other, field.name))
+            for field in dataclasses.fields(self)
+            if field.name != "closed"
+        ]
+        pairs.append((list(self.closed.values()), list(other.closed.values())))
+        return list(self.closed) == list(other.closed) and all(
+            np.array_equal(a, b, equal_nan=isinstance(a, (np.ndarray, list))) for a, b in pairs
+        )
+
+    def compute_averages(self, measure: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Average a measure over the parameters.
 
         Parameters
         ----------
         measure
             ``rmse`` or ``correlation``.
+
+        Returns
+        -------
+        values, low, high
+            Averages and their 95 % intervals, ``(models, groups)``, per cent of the range, or -1
+            to 1.
         """
-        low, high = interval(average(getattr(self, f"{measure}_samples")))
+        low, high = compute_interval(average(getattr(self, f"{measure}_samples")))
         return average(getattr(self, measure)), low, high
 
-    def difference(self, first: str, second: str, group: str = "all") -> Difference:
-        """The paired difference of two models' average RMSE."""
-        i, j, g = self._model(first), self._model(second), GROUPS.index(group)
+    def compare(self, first: str, second: str, group: str = "all") -> Difference:
+        """Compare the average RMSE of two models, paired by utterance.
+
+        Parameters
+        ----------
+        first, second
+            Names of the models.
+        group
+            One of `GROUPS`.
+
+        Returns
+        -------
+        Difference
+            The first less the second.
+
+        Raises
+        ------
+        DataError
+            If a model was not scored.
+        """
+        i, j, g = self._find_model(first), self._find_model(second), GROUPS.index(group)
         values = average(self.rmse)[:, g]
         samples = average(self.rmse_samples)[:, :, g]
         apart = samples[:, i] - samples[:, j]
-        low, high = interval(apart)
-        return Difference(
-            first,
-            second,
-            group,
-            float(values[i] - values[j]),
-            float(low),
-            float(high),
-            two_sided_p(apart),
-        )
+        low, high = map(float, compute_interval(apart))
+        value, p = float(values[i] - values[j]), compute_p_value(apart)
+        return Difference(first, second, group, value, low, high, p)
 
-    def _model(self, name: str) -> int:
+    def _find_model(self, name: str) -> int:
         if name not in self.models:
             raise DataError(
                 f"the model '{name}' was not scored", expected=f"one of {', '.join(self.models)}"
             )
         return self.models.index(name)
 
-    def ranking(self) -> tuple[str, ...]:
-        """The models, the least average error over all phones first."""
+    def rank_models(self) -> tuple[str, ...]:
+        """Rank the models by their average error over all phones.
+
+        Returns
+        -------
+        tuple[str, ...]
+            Their names, the least error first.
+        """
         order = np.argsort(average(self.rmse)[:, 0], kind="stable")
         return tuple(self.models[i] for i in order)
 
-    def to_frame(self) -> pd.DataFrame:
-        """One row a model, group, parameter and measure, with the 95 % interval.
+    def plot(self, measure: str = "rmse", ax: Axes | None = None) -> Axes:
+        """Plot the average of a measure for every model, with 95 % intervals.
 
-        The parameter ``average`` is the mean over all.
+        Parameters
+        ----------
+        measure
+            ``rmse`` or ``correlation``.
+        ax
+            The axes to draw into; by default those of a new figure.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            A row a model, the best on top; a point for each group of phones.
+        """
+        from mocap_fit.drawing import create_axes
+        from mocap_fit.evaluation.figures import draw_scores
+
+        axes = create_axes((6.4, 1.5 + 0.42 * len(self.models))) if ax is None else ax
+        draw_scores(axes, self, measure)
+        axes.legend()
+        return axes
+
+    def to_rows(self, groups: Sequence[str] = GROUPS) -> tuple[list[str], list[list[str]]]:
+        """Convert the scores to the cells of a table (Table 2 of Beskow).
+
+        Parameters
+        ----------
+        groups
+            The groups of frames that are shown, some of `GROUPS`.
+
+        Returns
+        -------
+        header
+            Names of the columns.
+        rows
+            A row a model, the best first.
+        """
+        header = ["model", "free parameters"]
+        for group in groups:
+            suffix = "" if len(groups) == 1 else f", {_LABELS[group]}"
+            header += [f"RMSE %{suffix}", f"r{suffix}"]
+        rmse, correlation = self.compute_averages("rmse"), self.compute_averages("correlation")
+        rows = []
+        for name in self.rank_models():
+            i = self.models.index(name)
+            row = [name, str(self.parameter_counts[i])]
+            for g in map(GROUPS.index, groups):
+                row.append(format_value([float(part[i, g]) for part in rmse], 2))
+                row.append(format_value([float(part[i, g]) for part in correlation], 3))
+            rows.append([*row, format_percent(self.closed[name])] if self.closed else row)
+        return [*header, "lips closed"] if self.closed else header, rows
+
+    def to_difference_rows(self) -> tuple[list[str], list[list[str]]]:
+        """Convert the differences of all pairs of models to the cells of a table.
+
+        Returns
+        -------
+        header
+            Names of the columns.
+        rows
+            A row a pair, in the order of their errors.
+        """
+        order = self.rank_models()
+        rows = []
+        for i, first in enumerate(order):
+            for second in order[i + 1 :]:
+                apart = self.compare(first, second)
+                interval = f"[{apart.low:+.3f}, {apart.high:+.3f}]"
+                rows.append([first, second, f"{apart.value:+.3f}", interval, f"{apart.p:.3f}"])
+        return ["first", "second", "difference (%)", "95 % interval", "p"], rows
+
+    def to_frame(self) -> pd.DataFrame:
+        """Convert the scores to a table with one row a model, group, parameter and measure.
+
+        Returns
+        -------
+        DataFrame
+            With the 95 % interval. The parameter ``average`` is the mean over all.
         """
         import pandas as pd
 
@@ -150,7 +300,8 @@ class Evaluation:
         for measure in ("rmse", "correlation"):
             values, samples = getattr(self, measure), getattr(self, f"{measure}_samples")
             values = np.concatenate([values, average(values)[..., None]], axis=-1)
-            low, high = interval(np.concatenate([samples, average(samples)[..., None]], axis=-1))
+            samples = np.concatenate([samples, average(samples)[..., None]], axis=-1)
+            low, high = compute_interval(samples)
             for i, model in enumerate(self.models):
                 for g, group in enumerate(GROUPS):
                     for p, parameter in enumerate((*self.parameters, "average")):
@@ -168,7 +319,13 @@ class Evaluation:
         return pd.DataFrame(rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything but the bootstrap samples, as values that JSON can hold."""
+        """Convert everything but the bootstrap samples to values that JSON can hold.
+
+        Returns
+        -------
+        dict[str, Any]
+            Definitions, counts, scores and differences.
+        """
         names = list(self.models)
         pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
         return {
@@ -189,9 +346,12 @@ class Evaluation:
             "bilabials_closed_in_target": self.closed.get("target"),
             "scores": self.to_frame().to_dict("records"),
             "differences": [
-                self.difference(a, b, group).__dict__ for group in GROUPS for a, b in pairs
+                dataclasses.asdict(self.compare(a, b, group)) for group in GROUPS for a, b in pairs
             ],
         }
+
+
+_LABELS = {"all": "all but silence", "vowels": "vowels", "consonants": "consonants"}
 
 
 def evaluate(
@@ -208,21 +368,56 @@ def evaluate(
     Parameters
     ----------
     corpus
-        What is predicted; none of the models has seen it.
+        Utterances that none of the models has seen.
     models
         Trained models by the names that tables and figures give them.
     face
         For the closure of the lips: a face, its name, or None to leave that out. It is left out
         too where the corpus has other parameters than the face.
-    resamples, seed
-        Of the bootstrap over utterances.
+    resamples
+        Number of bootstrap samples of the utterances.
+    seed
+        Seed of the bootstrap.
     progress
         Called after each utterance.
+
+    Returns
+    -------
+    Evaluation
+        Errors, correlations, their confidence intervals, and lip closure.
 
     Raises
     ------
     DataError
         If there is nothing to score, or a model has other parameters than the corpus.
+
+    See Also
+    --------
+    open_corpus : Open the corpus that ``mocap-fit convert`` wrote.
+    control.create : Create a control model.
+    evaluate_landmarks : Compare predicted faces with the markers.
+
+    Examples
+    --------
+    Phone means of one half of a sentence, scored on the other half:
+
+    >>> import mocap_fit as mf
+    >>> from mocap_fit.control.rule_based import RuleBased
+    >>> from mocap_fit.corpus import Corpus, Utterance
+    >>> phones = mf.read_phones(mf.load_sample("take_01.TextGrid"), phone_set="sv-sta")
+    >>> tracks = mf.synthesise(phones, RuleBased().prepare("sv-sta"))
+    >>> halves = [tracks.between(0.0, 1.6), tracks.between(1.6, 3.1)]
+    >>> train, test = (
+    ...     Corpus.from_utterances([Utterance.from_tracks(half, phones, id="half")], "sv-sta")
+    ...     for half in halves
+    ... )
+    >>> model = mf.control.create("phone-mean").fit(train)
+    >>> scores = mf.evaluate(test, {"phone means": model})
+    >>> scores
+    Evaluation of 1 models on 1 utterances, ... frames of speech; the least error has 'phone means'
+    >>> print(scores)
+    model        free parameters  RMSE %  ...
+    phone means  ...
     """
     if not models or not len(corpus):
         raise DataError(
@@ -238,66 +433,56 @@ def evaluate(
     rig = load_face(face) if isinstance(face, str) else face
     if rig is not None and rig.parameter_names != corpus.parameter_names:
         rig = None
-    low, high, centre, frames = _extent(corpus)
+    # The range of all utterances is needed before the first is scored.
+    takes = [(utterance.read_tracks(), utterance.read_phones()) for utterance in corpus]
+    marked = [mark_groups(phones, corpus.phone_set, tracks.times) for tracks, phones in takes]
+    if not sum(int(groups[0].sum()) for groups in marked):
+        raise DataError("no frame of the corpus lies in a phone that is speech")
+    low, high = _find_range([tracks.values for tracks, _ in takes], marked)
+    centre = np.where(np.isfinite(low) & np.isfinite(high), 0.5 * (low + high), 0.0)
     ranges = np.where(high > low, high - low, 0.0)
-    count = len(corpus.parameter_names)
-    sums = np.zeros((len(corpus), len(models), len(GROUPS), count, SUMS))
-    gaps: dict[str, list[Gaps]] = {name: [] for name in ("target", *models)}
-    for u, utterance in enumerate(corpus):
-        tracks, phones = utterance.read_tracks(), utterance.read_phones()
-        groups = frame_groups(phones, corpus.phone_set, tracks.times)
-        predicted = {name: m.predict_at(phones, tracks.times) for name, m in models.items()}
-        for i, values in enumerate(predicted.values()):
-            sums[u, i] = utterance_sums(tracks.values, values, groups, centre)
-        if rig is not None:
-            for name, values in {"target": tracks.values, **predicted}.items():
-                gaps[name].append(segment_gaps(rig, values, tracks.times, phones, corpus.phone_set))
-        if progress is not None:
-            progress()
-    rmse, correlation = scores(sums.sum(axis=0), ranges)
-    drawn = resample_counts(len(corpus), resamples, seed)
-    samples = (drawn @ sums.reshape(len(corpus), -1)).reshape(resamples, *sums.shape[1:])
-    rmse_samples, correlation_samples = scores(samples, ranges)
-    whole = {name: together(parts) for name, parts in gaps.items()}
-    open_gap = whole["target"].open_gap()
+    sums = np.zeros((len(corpus), len(models), len(GROUPS), len(corpus.parameter_names), SUMS))
+    gaps: dict[str, list[LipGaps]] = {name: [] for name in ("target", *models)}
+    with limit_to_one_thread():
+        for u, ((tracks, phones), groups) in enumerate(zip(takes, marked, strict=True)):
+            times, values = tracks.times, {"target": tracks.values}
+            for m, (name, model) in enumerate(models.items()):
+                values[name] = model.predict_at(phones, times)
+                sums[u, m] = sum_utterance(tracks.values, values[name], groups, centre)
+            if rig is not None:
+                for name, each in values.items():
+                    gaps[name].append(measure_gaps(rig, each, times, phones, corpus.phone_set))
+            if progress is not None:
+                progress()
+        rmse, correlation = compute_scores(sums.sum(axis=0), ranges)
+        counts = draw_resamples(len(corpus), resamples, seed)
+        samples = (counts @ sums.reshape(len(corpus), -1)).reshape(resamples, *sums.shape[1:])
+    rmse_samples, correlation_samples = compute_scores(samples, ranges)
+    joined = {name: concatenate_gaps(parts) for name, parts in gaps.items()}
+    open_gap = joined["target"].compute_open_gap()
+    closed = {name: part.compute_closed_share(open_gap) for name, part in joined.items()}
     return Evaluation(
         tuple(models),
         corpus.parameter_names,
         len(corpus),
-        frames,
+        tuple(int(n) for n in sum(groups.sum(axis=1) for groups in marked)),
         ranges,
         rmse,
         correlation,
         rmse_samples,
         correlation_samples,
         tuple(model.parameter_count for model in models.values()),
-        {} if rig is None else {name: part.closed(open_gap) for name, part in whole.items()},
-        int(whole["target"].bilabials.size),
+        {} if rig is None else closed,
+        int(joined["target"].bilabials.size),
         seed,
     )
 
 
-def _extent(corpus: Corpus) -> tuple[FloatArray, FloatArray, FloatArray, tuple[int, ...]]:
-    """Least, largest and middle target value of each parameter; frames of each group."""
-    count = len(corpus.parameter_names)
-    low, high = np.full(count, np.inf), np.full(count, -np.inf)
-    frames = np.zeros(len(GROUPS), dtype=np.int64)
-    for utterance in corpus:
-        values, groups = _scored(corpus, utterance)
-        frames += groups.sum(axis=1)
-        speech = values[groups[0]]
-        low = np.minimum(
-            low, np.min(np.where(np.isfinite(speech), speech, np.inf), 0, initial=np.inf)
-        )
-        high = np.maximum(
-            high, np.max(np.where(np.isfinite(speech), speech, -np.inf), 0, initial=-np.inf)
-        )
-    if not frames[0]:
-        raise DataError("no frame of the corpus lies in a phone that is speech")
-    centre = np.where(np.isfinite(low) & np.isfinite(high), 0.5 * (low + high), 0.0)
-    return low, high, centre, tuple(int(n) for n in frames)
-
-
-def _scored(corpus: Corpus, utterance: Utterance) -> tuple[FloatArray, Any]:
-    tracks = utterance.read_tracks()
-    return tracks.values, frame_groups(utterance.read_phones(), corpus.phone_set, tracks.times)
+def _find_range(
+    values: Sequence[FloatArray], marked: Sequence[NDArray[np.bool_]]
+) -> tuple[FloatArray, FloatArray]:
+    """Find the least and the largest target of each parameter over all frames of speech."""
+    speech = np.concatenate([each[groups[0]] for each, groups in zip(values, marked, strict=True)])
+    low = np.min(np.where(np.isfinite(speech), speech, np.inf), axis=0)
+    high = np.max(np.where(np.isfinite(speech), speech, -np.inf), axis=0)
+    return low, high

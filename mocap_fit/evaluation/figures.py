@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mocap_fit.drawing import CYCLE, GREY, INK, PALE, create_figure, write_title
-from mocap_fit.evaluation.evaluation import Evaluation
 from mocap_fit.evaluation.measures import GROUPS
 from mocap_fit.phones import PhoneSequence
 from mocap_fit.tracks import FloatArray, ParameterTracks
@@ -22,51 +21,97 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from mocap_fit.control.cohen_massaro import CohenMassaro
+    from mocap_fit.evaluation.evaluation import Evaluation
 
 _LABELS = {"all": "all but silence", "vowels": "vowels", "consonants": "consonants"}
+_TITLES = {"rmse": "RMSE (% of the range; less is better)", "correlation": "correlation"}
 
 
-def spoken(name: str) -> str:
-    """The name of a parameter or model, as people say it."""
+def to_words(name: str) -> str:
+    """Convert the name of a parameter or model to words.
+
+    Parameters
+    ----------
+    name
+        With underscores.
+
+    Returns
+    -------
+    str
+        With spaces.
+    """
     return name.replace("_", " ")
 
 
-def score_figure(evaluation: Evaluation) -> Figure:
-    """Average error and correlation of every model, with 95 % intervals, by group of phones."""
-    order = [evaluation.models.index(name) for name in reversed(evaluation.ranking())]
-    names = [evaluation.models[i] for i in order]
-    size = (9.0, 1.5 + 0.42 * len(names))
+def draw_scores(ax: Axes, evaluation: Evaluation, measure: str) -> None:
+    """Draw the average of a measure for every model, with 95 % intervals, by group of phones.
+
+    Parameters
+    ----------
+    ax
+        The axes to draw into.
+    evaluation
+        The scores.
+    measure
+        ``rmse`` or ``correlation``.
+    """
+    order = [evaluation.models.index(name) for name in reversed(evaluation.rank_models())]
+    values, low, high = evaluation.compute_averages(measure)
+    for g, group in enumerate(GROUPS):
+        value = values[order, g]
+        ax.errorbar(
+            value,
+            np.arange(len(order)) + 0.22 * (1 - g),
+            xerr=np.abs(np.stack([value - low[order, g], high[order, g] - value])),
+            fmt="o",
+            ms=4.5 if g == 0 else 3,
+            lw=1.4 if g == 0 else 0.9,
+            color=(INK, CYCLE[0], CYCLE[1])[g],
+            label=_LABELS[group],
+        )
+    ax.set_title(_TITLES[measure])
+    ax.grid(axis="x")
+    ax.set_yticks(np.arange(len(order)), [evaluation.models[i] for i in order])
+    ax.set_ylim(-0.6, len(order) - 0.4)
+
+
+def plot_scores(evaluation: Evaluation) -> Figure:
+    """Plot average error and correlation of every model, with 95 % intervals, by group of phones.
+
+    Parameters
+    ----------
+    evaluation
+        The scores.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Two panels, the best model on top.
+    """
+    size = (9.0, 1.5 + 0.42 * len(evaluation.models))
     figure, axes = create_figure(size, 1, 2, sharey=True)
-    titles = {"rmse": "RMSE (% of the range; less is better)", "correlation": "correlation"}
-    for axis, (measure, title) in zip(axes[0], titles.items(), strict=True):
-        values, low, high = evaluation.averages(measure)
-        for g, group in enumerate(GROUPS):
-            places = np.arange(len(order)) + 0.22 * (1 - g)
-            value = values[order, g]
-            bars = np.abs(np.stack([value - low[order, g], high[order, g] - value]))
-            axis.errorbar(
-                value,
-                places,
-                xerr=bars,
-                fmt="o",
-                ms=4.5 if g == 0 else 3,
-                lw=1.4 if g == 0 else 0.9,
-                color=(INK, CYCLE[0], CYCLE[1])[g],
-                label=_LABELS[group],
-            )
-        axis.set_title(title)
-        axis.grid(axis="x")
-    axes[0, 0].set_yticks(np.arange(len(order)), names)
-    axes[0, 0].set_ylim(-0.6, len(order) - 0.4)
+    for axis, measure in zip(axes[0], _TITLES, strict=True):
+        draw_scores(axis, evaluation, measure)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
     write_title(figure, f"{evaluation.utterances} held-out utterances, 95 % intervals")
     return figure
 
 
-def parameter_figure(evaluation: Evaluation) -> Figure:
-    """Error of every parameter by every model, over all but silence: a table with colours."""
-    order = [evaluation.models.index(name) for name in evaluation.ranking()]
+def plot_parameters(evaluation: Evaluation) -> Figure:
+    """Plot the error of every parameter by every model, over all but silence, as a coloured table.
+
+    Parameters
+    ----------
+    evaluation
+        The scores.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A row a model, the best on top, and a column a parameter.
+    """
+    order = [evaluation.models.index(name) for name in evaluation.rank_models()]
     values = evaluation.rmse[order, 0]
     rows, columns = values.shape
     figure, axes = create_figure((1.6 + 0.85 * columns, 1.9 + 0.34 * rows))
@@ -80,7 +125,7 @@ def parameter_figure(evaluation: Evaluation) -> Figure:
                 axis.text(
                     j, i, f"{values[i, j]:.1f}", ha="center", va="center", color=INK, fontsize=8
                 )
-    words = [spoken(name).replace(" ", "\n", 1) for name in evaluation.parameters]
+    words = [to_words(name).replace(" ", "\n", 1) for name in evaluation.parameters]
     axis.set_xticks(range(columns), words, rotation=35, ha="right", rotation_mode="anchor")
     axis.set_yticks(range(rows), [evaluation.models[i] for i in order])
     axis.tick_params(length=0)
@@ -89,27 +134,32 @@ def parameter_figure(evaluation: Evaluation) -> Figure:
     return figure
 
 
-def trajectory_figure(
+def plot_trajectories(
     target: ParameterTracks,
     predictions: Mapping[str, FloatArray],
     phones: PhoneSequence,
     parameter: str,
     text: str = "",
 ) -> Figure:
-    """Target and predicted trajectories of one parameter over the phones (Figure 5).
+    """Plot target and predicted trajectories of one parameter over the phones (Figure 5).
 
     Parameters
     ----------
     target
-        Of the utterance.
+        Target tracks of the utterance.
     predictions
-        By model, `(frames, parameters)` each, at the times of the target.
+        By model, ``(frames, parameters)`` each, at the times of the target, no unit.
     phones
-        Of the utterance, on the same clock.
+        Phones of the utterance, on the same clock.
     parameter
-        Which one is drawn.
+        Name of the parameter.
     text
         What is said, for the title.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A panel a model, and the phones.
     """
     column = target.index(parameter)
     times = target.times
@@ -132,16 +182,24 @@ def trajectory_figure(
         axis.set_ylim(low - margin, high + margin)
         for segment in phones:
             axis.axvline(segment.start, color=PALE, lw=0.6, zorder=0)
-    phone_strip(axes[rows, 0], phones)
+    draw_phones(axes[rows, 0], phones)
     axes[rows, 0].set_xlim(times[0], times[-1])
     axes[rows, 0].set_xlabel("time (s)")
-    figure.supylabel(f"{spoken(parameter)} (grey: target)", fontsize=9)
+    figure.supylabel(f"{to_words(parameter)} (grey: target)", fontsize=9)
     write_title(figure, f"{target.name}: {text}" if text else target.name)
     return figure
 
 
-def phone_strip(axis: Axes, phones: PhoneSequence) -> None:
-    """Write the phones over time into a low panel."""
+def draw_phones(axis: Axes, phones: PhoneSequence) -> None:
+    """Write the phones over time into a low panel.
+
+    Parameters
+    ----------
+    axis
+        The axes to draw into.
+    phones
+        The phones.
+    """
     for segment in phones:
         axis.axvspan(segment.start, segment.end, facecolor="white", edgecolor=PALE, lw=0.6)
         axis.text(
@@ -159,21 +217,26 @@ def phone_strip(axis: Axes, phones: PhoneSequence) -> None:
     axis.spines["left"].set_visible(False)
 
 
-def dominance_figure(
+def plot_dominances(
     model: CohenMassaro, target: ParameterTracks, phones: PhoneSequence, parameter: str
 ) -> Figure:
-    """Dominance functions of a Cohen-Massaro model, and the trajectory they make (Figure 2).
+    """Plot the dominance functions of a Cohen-Massaro model, and their trajectory (Figure 2).
 
     Parameters
     ----------
     model
-        A trained one.
+        A trained model.
     target
-        Of the utterance.
+        Target tracks of the utterance.
     phones
-        Of the utterance, 100 segments at most.
+        Phones of the utterance, 100 segments at most.
     parameter
-        Which one is drawn.
+        Name of the parameter.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Dominances, the trajectory beside the target, and the phones.
     """
     times = target.times
     fine = np.linspace(times[0], times[-1], 4 * len(times))
@@ -190,31 +253,36 @@ def dominance_figure(
     above.set_title("dominance of each phone (part of the largest)", pad=3)
     below.plot(times, target.values[:, column], color=GREY, lw=2.6, alpha=0.6, label="target")
     below.plot(fine, model.predict_at(phones, fine)[:, column], color=INK, lw=1.3, label="model")
-    below.set_title(spoken(parameter), pad=3)
+    below.set_title(to_words(parameter), pad=3)
     below.legend(loc="upper right", ncols=2)
     for segment in phones:
         for axis in (above, below):
             axis.axvline(segment.start, color=PALE, lw=0.6, zorder=0)
-    phone_strip(strip, phones)
+    draw_phones(strip, phones)
     strip.set_xlim(times[0], times[-1])
     strip.set_xlabel("time (s)")
     write_title(figure, f"{model.title}: dominance functions, {target.name}")
     return figure
 
 
-def look_ahead_figure(
+def plot_look_ahead(
     look_ahead: Sequence[float], errors: Sequence[float], baseline: float | None = None
 ) -> Figure:
-    """Error of networks with more and more look-ahead (Figure 4).
+    """Plot the error of networks by their look-ahead (Figure 4).
 
     Parameters
     ----------
     look_ahead
-        Seconds.
+        Look-ahead of each network, seconds.
     errors
         Root mean square errors on held-out sentences, in the unit of the parameters.
     baseline
-        The same for what the networks must beat; None where it was not measured.
+        The error of phone means, in the same unit; None where it was not measured.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One panel.
     """
     figure, axes = create_figure((6.4, 3.8))
     axis = axes[0, 0]
@@ -226,33 +294,40 @@ def look_ahead_figure(
     axis.set_xlabel("look-ahead (ms)")
     axis.set_ylabel("error on held-out sentences")
     axis.grid(axis="y")
-    write_title(figure, "What looking ahead is worth (total context 31 frames)")
+    write_title(figure, "Error by look-ahead (total context 31 frames)")
     return figure
 
 
-def training_figure(log: Sequence[Any], title: str) -> Figure:
-    """Error by iteration, of the training part and of what is held out.
+def plot_training(log: Sequence[Any], title: str) -> Figure:
+    """Plot the error by iteration, of the training part and of the validation part.
 
     Parameters
     ----------
     log
         `mocap_fit.control.LogEntry` each.
     title
-        Of the figure.
+        Title of the figure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One panel.
     """
     parts = list(dict.fromkeys(entry.part for entry in log))
     figure, axes = create_figure((7.0, 4.0))
     axis = axes[0, 0]
     for i, part in enumerate(parts):
-        own = [entry for entry in log if entry.part == part]
+        entries = [entry for entry in log if entry.part == part]
         colour = CYCLE[i % len(CYCLE)]
-        steps = [entry.iteration for entry in own]
-        axis.plot(steps, [e.training_error for e in own], color=colour, lw=1.0, alpha=0.55)
-        held = [(e.iteration, e.validation_error) for e in own if e.validation_error is not None]
+        steps = [entry.iteration for entry in entries]
+        axis.plot(steps, [e.training_error for e in entries], color=colour, lw=1.0, alpha=0.55)
+        held = [
+            (e.iteration, e.validation_error) for e in entries if e.validation_error is not None
+        ]
         if held:
-            axis.plot(*zip(*held, strict=True), color=colour, lw=1.6, label=spoken(part))
+            axis.plot(*zip(*held, strict=True), color=colour, lw=1.6, label=to_words(part))
         else:
-            axis.plot([], [], color=colour, lw=1.0, label=spoken(part))
+            axis.plot([], [], color=colour, lw=1.0, label=to_words(part))
     axis.set_xlabel("iteration")
     axis.set_ylabel("root mean square error")
     axis.set_yscale("log")

@@ -1,14 +1,14 @@
-"""Predicted faces beside the markers themselves: correlation of what a lip-reader sees.
+"""Predicted faces compared with the markers: correlation of what a lip-reader sees.
 
-The other scores compare with fitted parameters; these compare with what was measured, and so
-count what the fit has lost as well. Four measures of the mouth are taken from the predicted face
-and from the recorded markers: how far the inner lips are apart, how far the corners, how high the
-chin is, and how far the lips stand out. Of each utterance the mean over all its frames is taken
-from both (a video's scale drifts, and a face that rests differently is no error), and Pearson's
+The other scores compare with fitted parameters; these compare with the measured markers, and
+include what the fit has lost. Four measures of the mouth are taken from the predicted face and from
+the recorded markers: how far the inner lips are apart, how far the corners, how high the chin is,
+and how far the lips protrude. In each utterance the mean over all its frames is subtracted from
+both (a video's scale drifts, and a face that rests differently is no error), and Pearson's
 correlation is over the frames of all utterances that are not silent.
 
-Markers are brought to the axes of the face by their head markers and by the mean places of their
-feature points alone, without the fit.
+Markers are brought to the axes of the face by their head markers and by the mean positions of
+their feature points alone, without the fit.
 """
 
 from __future__ import annotations
@@ -20,17 +20,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_fit.control import ControlModel
+from mocap_fit.control.single_thread import limit_to_one_thread
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.errors import DataError, MocapFitWarning
 from mocap_fit.evaluation.measures import (
     SUMS,
     average,
-    frame_groups,
-    interval,
-    resample_counts,
-    scores,
-    utterance_sums,
+    compute_interval,
+    compute_scores,
+    draw_resamples,
+    mark_groups,
+    sum_utterance,
 )
+from mocap_fit.evaluation.tables import format_html, format_text
 from mocap_fit.face import Rig, load_face
 from mocap_fit.face.rig import evaluate as evaluate_rig
 from mocap_fit.fitting import Layout, load_layout
@@ -38,7 +40,7 @@ from mocap_fit.head import match_size, remove_head_motion
 from mocap_fit.tracks import FloatArray, MarkerTracks, estimate_similarity_transform
 
 MEASURES = ("lip opening", "mouth width", "chin height", "lip protrusion")
-#: The row of the fitted tracks themselves: what a model could reach through the fit.
+#: The row of the fitted tracks: the best that a model could reach through the fit.
 FITTED = "fitted tracks"
 # Feature points of each measure; the second choice where a layout lacks the first.
 _LIPS = (("2.2", "2.3"), ("8.1", "8.2"))
@@ -47,7 +49,7 @@ _CHIN = (("2.1",), ("2.10",))
 _OUTER_LIPS = (("8.1", "8.2"), ("2.2", "2.3"))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LandmarkScores:
     """Correlations with the markers.
 
@@ -56,11 +58,12 @@ class LandmarkScores:
     models
         Names; `FITTED` is the first.
     correlation
-        `(models, measures)`, in the order of `MEASURES`.
+        ``(models, measures)``, in the order of `MEASURES`, -1 to 1.
     low, high
-        95 % interval of the mean over the measures, `(models,)`, by bootstrap over utterances.
+        95 % interval of the mean over the measures, ``(models,)``, -1 to 1, by bootstrap over
+        utterances.
     utterances, frames
-        How many were compared.
+        Numbers of those that were compared.
     """
 
     models: tuple[str, ...]
@@ -72,11 +75,39 @@ class LandmarkScores:
 
     @property
     def mean(self) -> FloatArray:
-        """Mean over the measures, `(models,)`."""
+        """Mean over the measures, ``(models,)``, -1 to 1."""
         return average(self.correlation)
 
+    def __repr__(self) -> str:
+        return (
+            f"LandmarkScores of {len(self.models)} models on {self.utterances} utterances, "
+            f"{self.frames} frames of speech"
+        )
 
-def landmark_scores(
+    def __str__(self) -> str:
+        return format_text(*self.to_rows())
+
+    def _repr_html_(self) -> str:
+        return format_html(*self.to_rows())
+
+    def to_rows(self) -> tuple[list[str], list[list[str]]]:
+        """Convert the correlations to the cells of a table.
+
+        Returns
+        -------
+        header
+            Names of the columns.
+        rows
+            A row a model, the best first.
+        """
+        order = np.argsort(-self.mean, kind="stable")
+        numbers = np.column_stack([self.correlation, self.mean, self.low, self.high])
+        rows = [[self.models[i], *(f"{value:.3f}" for value in numbers[i])] for i in order]
+        return ["model", *MEASURES, "mean", "from", "to"], rows
+
+
+@limit_to_one_thread()
+def evaluate_landmarks(
     corpus: Corpus,
     models: Mapping[str, ControlModel],
     *,
@@ -93,15 +124,22 @@ def landmark_scores(
     corpus
         On disk, with its markers; no model has seen it.
     models
-        By name.
+        Trained models by name.
     face
-        What the parameters move.
+        The face that the parameters move, or its name.
     layout
-        What the markers are; the corpus's own where not given.
-    resamples, seed
-        Of the bootstrap.
+        The layout of the markers, or its name; by default the corpus's.
+    resamples
+        Number of bootstrap samples of the utterances.
+    seed
+        Seed of the bootstrap.
     progress
         Called after each utterance.
+
+    Returns
+    -------
+    LandmarkScores
+        Correlations and their confidence intervals.
 
     Raises
     ------
@@ -116,17 +154,17 @@ def landmark_scores(
             found=", ".join(corpus.parameter_names),
             expected=", ".join(rig.parameter_names),
         )
-    known = layout if isinstance(layout, Layout) else load_layout(layout or corpus.layout)
-    mouth = _Mouth(rig, known)
-    still = {u.id: _still(u, known, _first_of(corpus, u)) for u in corpus}
-    turned = mouth.orientations(corpus, still)
+    marker_layout = layout if isinstance(layout, Layout) else load_layout(layout or corpus.layout)
+    mouth = _Mouth(rig, marker_layout)
+    still = {u.id: _remove_motion(u, marker_layout, _find_first(corpus, u)) for u in corpus}
+    rotations = mouth.find_rotations(corpus, still)
     names = (FITTED, *models)
     sums = np.zeros((len(corpus), len(names), 1, len(MEASURES), SUMS))
-    frames = 0
+    frames, zeros = 0, np.zeros(len(MEASURES))
     for i, utterance in enumerate(corpus):
         tracks, phones = utterance.read_tracks(), utterance.read_phones()
-        target = mouth.of_markers(still[utterance.id], turned[_place(utterance)])
-        speech = frame_groups(phones, corpus.phone_set, tracks.times)[:1]
+        target = mouth.measure_markers(still[utterance.id], rotations[_get_session(utterance)])
+        speech = mark_groups(phones, corpus.phone_set, tracks.times)[:1]
         fitted = np.asarray(np.isfinite(tracks.values).all(axis=1))
         target = np.where(fitted[:, None], target, np.nan)
         frames += int((speech[0] & np.isfinite(target).all(axis=1)).sum())
@@ -135,50 +173,45 @@ def landmark_scores(
             *(model.predict_at(phones, tracks.times) for model in models.values()),
         ]
         for m, values in enumerate(predicted):
-            shown = np.where(np.isfinite(target), mouth.of_face(values), np.nan)
-            sums[i, m] = utterance_sums(
-                target - _mean(target), shown - _mean(shown), speech, np.zeros(len(MEASURES))
+            shown = np.where(np.isfinite(target), mouth.measure_face(values), np.nan)
+            sums[i, m] = sum_utterance(
+                target - average(target.T), shown - average(shown.T), speech, zeros
             )
         if progress is not None:
             progress()
     ones = np.ones(len(MEASURES))
-    drawn = resample_counts(len(corpus), resamples, seed)
-    samples = (drawn @ sums.reshape(len(corpus), -1)).reshape(resamples, *sums.shape[1:])
-    low, high = interval(average(scores(samples, ones)[1])[:, :, 0])
-    correlation = scores(sums.sum(axis=0), ones)[1][:, 0]
+    counts = draw_resamples(len(corpus), resamples, seed)
+    samples = (counts @ sums.reshape(len(corpus), -1)).reshape(resamples, *sums.shape[1:])
+    low, high = compute_interval(average(compute_scores(samples, ones)[1])[:, :, 0])
+    correlation = compute_scores(sums.sum(axis=0), ones)[1][:, 0]
     return LandmarkScores(names, correlation, low, high, len(corpus), frames)
 
 
-def _place(utterance: Utterance) -> tuple[str, str]:
-    """Recordings of one speaker and session share their axes."""
+def _get_session(utterance: Utterance) -> tuple[str, str]:
+    """Return the speaker and session, whose recordings share their axes."""
     return utterance.speaker, utterance.session
 
 
-def _first_of(corpus: Corpus, utterance: Utterance) -> Utterance:
-    return next(u for u in corpus if _place(u) == _place(utterance))
+def _find_first(corpus: Corpus, utterance: Utterance) -> Utterance:
+    return next(u for u in corpus if _get_session(u) == _get_session(utterance))
 
 
-def _mean(values: FloatArray) -> FloatArray:
-    """Mean over the frames that are there, `(measures,)`."""
-    return average(values.T)
-
-
-def _still(utterance: Utterance, layout: Layout, first: Utterance) -> MarkerTracks:
-    """The markers without head motion, in the head's place in the session's first recording."""
+def _remove_motion(utterance: Utterance, layout: Layout, first: Utterance) -> MarkerTracks:
+    """Remove head motion: the head stays where it is in the session's first recording."""
     names = [marker.name for marker in layout.head_markers]
     shown = first.read_markers()
-    whole = shown.visible[:, shown.indices(names)].all(axis=1)
-    if not whole.any():
+    complete = shown.visible[:, shown.indices(names)].all(axis=1)
+    if not complete.any():
         raise DataError(
             f"no frame of '{first.id}' shows all head markers", expected=", ".join(names)
         )
-    frame = int(np.argmax(whole))
+    frame = int(np.argmax(complete))
     reference = shown.replace(
         positions=shown.positions[frame : frame + 1], origin=shown.origin[frame : frame + 1]
     )
     recording = utterance.read_markers()
     with warnings.catch_warnings():
-        # Whoever converted the corpus has been told of frames without a head pose.
+        # The conversion of the corpus has warned of frames without a head pose.
         warnings.simplefilter("ignore", MocapFitWarning)
         if layout.size_varies:
             recording, _ = match_size(recording, reference, names)
@@ -205,12 +238,12 @@ class _Mouth:
             and marker.role == "face"
             and marker.feature_point in rig.mesh.feature_points
         }
-        chosen = [self._chosen(pairs) for pairs in (_LIPS, _CORNERS, _CHIN, _OUTER_LIPS)]
+        chosen = [self._choose_points(pairs) for pairs in (_LIPS, _CORNERS, _CHIN, _OUTER_LIPS)]
         self._points = tuple(dict.fromkeys(point for pair in chosen for point in pair))
         self._columns = [[self._points.index(point) for point in pair] for pair in chosen]
         self._vertices = np.array([rig.mesh.get_feature_point(point) for point in self._points])
 
-    def _chosen(self, choices: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
+    def _choose_points(self, choices: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
         for points in choices:
             if all(point in self._markers for point in points):
                 return points
@@ -219,47 +252,47 @@ class _Mouth:
             expected=" or ".join(", ".join(points) for points in choices),
         )
 
-    def orientations(
+    def find_rotations(
         self, corpus: Corpus, still: Mapping[str, MarkerTracks]
     ) -> dict[tuple[str, str], FloatArray]:
-        """Rotation from each session's axes to those of the face, `(3, 3)`."""
+        """Find the rotation from each session's axes to those of the face, ``(3, 3)``."""
         names = list(self._markers.values())
         vertices = [self._rig.mesh.get_feature_point(point) for point in self._markers]
         goals = self._rig.mesh.vertices[vertices]
-        found: dict[tuple[str, str], FloatArray] = {}
+        rotations: dict[tuple[str, str], FloatArray] = {}
         for utterance in corpus:
-            if _place(utterance) in found:
+            if _get_session(utterance) in rotations:
                 continue
             tracks = still[utterance.id]
             positions = tracks.positions[:, tracks.indices(names)]
-            places = average(positions.transpose(1, 2, 0))
-            found[_place(utterance)] = estimate_similarity_transform(places, goals)[1]
-        return found
+            mean = average(positions.transpose(1, 2, 0))
+            rotations[_get_session(utterance)] = estimate_similarity_transform(mean, goals)[1]
+        return rotations
 
-    def of_markers(self, tracks: MarkerTracks, rotation: FloatArray) -> FloatArray:
-        """`(frames, measures)`, in the unit of the markers."""
+    def measure_markers(self, tracks: MarkerTracks, rotation: FloatArray) -> FloatArray:
+        """Measure the mouth, ``(frames, measures)``, in the unit of the markers."""
         names = [self._markers[point] for point in self._points]
-        return self._measured(tracks.positions[:, tracks.indices(names)] @ rotation.T)
+        return self._measure(tracks.positions[:, tracks.indices(names)] @ rotation.T)
 
-    def of_face(self, values: FloatArray) -> FloatArray:
-        """`(frames, measures)`, millimetres of the face; NaN where a parameter is."""
+    def measure_face(self, values: FloatArray) -> FloatArray:
+        """Measure the mouth of the face, ``(frames, measures)``, millimetres; NaN where missing."""
         compiled = self._rig.compile(self._vertices)
-        places = np.full((len(values), len(self._points), 3), np.nan)
+        points = np.full((len(values), len(self._points), 3), np.nan)
         for i in np.flatnonzero(np.isfinite(values).all(axis=1)):
             if compiled is None:
-                places[i] = self._rig.deform(values[i])[self._vertices]
+                points[i] = self._rig.deform(values[i])[self._vertices]
             else:
-                places[i] = evaluate_rig(compiled, values[i])
-        return self._measured(places)
+                points[i] = evaluate_rig(compiled, values[i])
+        return self._measure(points)
 
-    def _measured(self, places: FloatArray) -> FloatArray:
+    def _measure(self, points: FloatArray) -> FloatArray:
         lips, corners, chin, outer = self._columns
         return np.stack(
             [
-                places[:, lips[0], 1] - places[:, lips[1], 1],
-                places[:, corners[0], 0] - places[:, corners[1], 0],
-                places[:, chin[0], 1],
-                places[:, outer, 2].mean(axis=1),
+                points[:, lips[0], 1] - points[:, lips[1], 1],
+                points[:, corners[0], 0] - points[:, corners[1], 0],
+                points[:, chin[0], 1],
+                points[:, outer, 2].mean(axis=1),
             ],
             axis=1,
         )

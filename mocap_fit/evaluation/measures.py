@@ -12,7 +12,7 @@ What is measured (definitions 1; `DEFINITIONS` counts up when one of them change
 - Average: the mean over the parameters. A parameter whose target never changes has no range and
   no correlation, and does not count.
 
-The sums that both measures need are kept by utterance, so that resampling utterances costs a
+The sums that both measures need are stored by utterance, so that resampling utterances costs a
 matrix product and no second look at the tracks.
 """
 
@@ -31,31 +31,52 @@ _COUNT, _ERROR, _TARGET, _PREDICTED, _TARGETS, _PREDICTEDS, _PRODUCT = range(7)
 SUMS = 7
 
 
-def frame_groups(
-    phones: PhoneSequence, phone_set: PhoneSet, times: FloatArray
-) -> NDArray[np.bool_]:
-    """Which frames belong to which of `GROUPS`, `(groups, frames)`."""
+def mark_groups(phones: PhoneSequence, phone_set: PhoneSet, times: FloatArray) -> NDArray[np.bool_]:
+    """Mark the frames of each of `GROUPS`.
+
+    Parameters
+    ----------
+    phones
+        Phones of the utterance.
+    phone_set
+        Their phone set.
+    times
+        Times of the frames, ``(frames,)``, seconds.
+
+    Returns
+    -------
+    ndarray
+        ``(groups, frames)``, true where a frame belongs to a group.
+    """
     kinds = [phone_set.get_phone(segment).kind for segment in phones]
     members = np.zeros((len(GROUPS), len(phones) + 1), dtype=bool)
     for i, kind in enumerate(kinds):
         members[:, i] = (kind != "silence", kind == "vowel", kind == "consonant")
-    # Where nothing is labelled `at` says -1, the last column.
+    # Where nothing is labelled `at` returns -1, the last column.
     return members[:, phones.at(times)]
 
 
-def utterance_sums(
+def sum_utterance(
     target: FloatArray, predicted: FloatArray, groups: NDArray[np.bool_], centre: FloatArray
 ) -> FloatArray:
-    """Sums over the frames of an utterance, `(groups, parameters, SUMS)`.
+    """Add up what the measures need over the frames of an utterance.
 
     Parameters
     ----------
-    target, predicted
-        `(frames, parameters)`; NaN in the target is missing.
+    target
+        ``(frames, parameters)``, in the unit of each parameter; NaN is missing.
+    predicted
+        ``(frames, parameters)``, in the unit of each parameter.
     groups
-        `(groups, frames)`, from `frame_groups`.
+        ``(groups, frames)``, from `mark_groups`.
     centre
-        `(parameters,)`: taken from both, so that sums of squares keep their digits.
+        Subtracted from both, so that sums of squares do not lose digits, ``(parameters,)``, in the
+        unit of each parameter.
+
+    Returns
+    -------
+    ndarray
+        ``(groups, parameters, 7)``: the count, and sums in powers of the unit.
     """
     seen = np.isfinite(target)
     y = np.where(seen, target - centre, 0.0)
@@ -64,22 +85,23 @@ def utterance_sums(
     return np.asarray(np.einsum("gf,fps->gps", groups.astype(np.float64), pieces))
 
 
-def scores(sums: FloatArray, ranges: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """RMSE in per cent and correlation from sums.
+def compute_scores(sums: FloatArray, ranges: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Compute RMSE and correlation from sums.
 
     Parameters
     ----------
     sums
-        `(..., parameters, SUMS)`, added up over utterances.
+        ``(..., parameters, 7)``, added up over utterances: the count, and sums in powers of the
+        unit.
     ranges
-        `(parameters,)`, of the targets.
+        Ranges of the targets, ``(parameters,)``, in the unit of each parameter.
 
     Returns
     -------
     rmse
-        `(..., parameters)`, per cent of the range; NaN without frames or range.
+        ``(..., parameters)``, per cent of the range; NaN without frames or range.
     correlation
-        `(..., parameters)`; NaN where target or prediction does not change.
+        ``(..., parameters)``, -1 to 1; NaN where target or prediction does not change.
     """
     count = sums[..., _COUNT]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -95,34 +117,83 @@ def scores(sums: FloatArray, ranges: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 def average(values: FloatArray) -> FloatArray:
-    """Mean over the last axis, of what is a number; NaN where nothing is."""
+    """Average over the last axis, ignoring NaN.
+
+    Parameters
+    ----------
+    values
+        ``(..., parameters)``, in any unit.
+
+    Returns
+    -------
+    ndarray
+        ``(...)``, in the same unit; NaN where nothing is a number.
+    """
     seen = np.isfinite(values)
     total = np.where(seen, values, 0.0).sum(axis=-1)
     with np.errstate(invalid="ignore"):
         return np.asarray(total / np.where(seen.any(axis=-1), seen.sum(axis=-1), np.nan))
 
 
-def resample_counts(utterances: int, resamples: int, seed: int) -> FloatArray:
-    """How often each utterance is in each bootstrap sample, `(resamples, utterances)`."""
+def draw_resamples(utterances: int, resamples: int, seed: int) -> FloatArray:
+    """Draw bootstrap samples of the utterances.
+
+    Parameters
+    ----------
+    utterances
+        Number of utterances.
+    resamples
+        Number of samples.
+    seed
+        Seed of the random generator.
+
+    Returns
+    -------
+    ndarray
+        How often each utterance is in each sample, ``(resamples, utterances)``, no unit.
+    """
     rng = np.random.default_rng(seed)
-    drawn = rng.multinomial(utterances, np.full(utterances, 1.0 / utterances), size=resamples)
-    return np.asarray(drawn, dtype=np.float64)
+    counts = rng.multinomial(utterances, np.full(utterances, 1.0 / utterances), size=resamples)
+    return np.asarray(counts, dtype=np.float64)
 
 
-def interval(samples: FloatArray, level: float = 0.95) -> tuple[FloatArray, FloatArray]:
-    """The middle part of bootstrap samples along the first axis; NaN where one has no number."""
+def compute_interval(samples: FloatArray, level: float = 0.95) -> tuple[FloatArray, FloatArray]:
+    """Compute a confidence interval: percentiles of bootstrap samples (Efron & Tibshirani 1993).
+
+    Parameters
+    ----------
+    samples
+        ``(resamples, ...)``, in any unit.
+    level
+        Part of the samples within the interval, 0 to 1.
+
+    Returns
+    -------
+    low, high
+        ``(...)``, in the same unit; NaN where a sample is NaN.
+    """
     seen = np.isfinite(samples)
     known = np.where(seen.all(axis=0), samples, 0.0)
     low, high = np.quantile(known, [(1 - level) / 2, (1 + level) / 2], axis=0)
-    nothing = ~seen.all(axis=0)
-    return np.where(nothing, np.nan, low), np.where(nothing, np.nan, high)
+    unknown = ~seen.all(axis=0)
+    return np.where(unknown, np.nan, low), np.where(unknown, np.nan, high)
 
 
-def two_sided_p(samples: FloatArray) -> float:
-    """How probable a difference of nil is, by bootstrap samples of the difference.
+def compute_p_value(samples: FloatArray) -> float:
+    """Compute the two-sided p-value of a paired difference from its bootstrap samples.
 
-    Twice the smaller share of samples on either side of nil; never under one in the number of
-    samples, which is as little as they can tell.
+    Twice the smaller share of samples on either side of 0 (Efron & Tibshirani 1993, section 15.4),
+    and at least one in the number of samples, which is the least that they can show.
+
+    Parameters
+    ----------
+    samples
+        Differences, ``(resamples,)``, in any unit; NaN is ignored.
+
+    Returns
+    -------
+    float
+        0 to 1; NaN without samples.
     """
     seen = samples[np.isfinite(samples)]
     if not seen.size:

@@ -1,13 +1,18 @@
+import dataclasses
 import json
+import pickle
+from copy import deepcopy
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from remembered_model import RATE, Remembered, spoken
 
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.errors import DataError
 from mocap_fit.evaluation import GROUPS, evaluate
-from mocap_fit.evaluation.measures import frame_groups
+from mocap_fit.evaluation.measures import draw_resamples, mark_groups
 from mocap_fit.phones import load_phone_set
 
 
@@ -22,7 +27,7 @@ def speech(corpus):
 
 def test_frames_belong_to_the_kind_of_their_phone():
     utterance = spoken("u", 0, ("x",))
-    groups = frame_groups(
+    groups = mark_groups(
         utterance.read_phones(),
         load_phone_set("en-arpabet"),
         np.array([-1.0, 0.1, 0.2, 0.5, 0.9, 1.1, 2]),
@@ -51,7 +56,7 @@ def test_a_known_shift_is_the_error_and_leaves_the_correlation(small_corpus):
         assert np.allclose(result.rmse[0, group], 100 * 0.01 / ranges)
         assert np.allclose(result.correlation[0, group], 1)
     # Every sample of the bootstrap has the same shift.
-    _, low, high = result.averages("rmse")
+    _, low, high = result.compute_averages("rmse")
     assert np.allclose(low, high)
 
 
@@ -68,7 +73,7 @@ def test_scores_agree_with_numpy_on_all_frames(small_corpus, rng):
     r = [np.corrcoef(target[:, p], predicted[:, p])[0, 1] for p in range(2)]
     assert np.allclose(result.rmse[0, 0], rmse)
     assert np.allclose(result.correlation[0, 0], r)
-    value, low, high = result.averages("rmse")
+    value, low, high = result.compute_averages("rmse")
     assert low[0, 0] < value[0, 0] < high[0, 0]
 
 
@@ -99,7 +104,7 @@ def test_a_parameter_that_never_changes_does_not_count(small_corpus):
     result = evaluate(corpus, models, face=None, resamples=100)
     assert np.isnan(result.rmse[0, 0, 1])
     assert np.isnan(result.correlation[0, 0, 1])
-    value, low, high = result.averages("rmse")
+    value, low, high = result.compute_averages("rmse")
     assert value[0, 0] == pytest.approx(result.rmse[0, 0, 0])
     assert np.isfinite([low, high]).all()
 
@@ -121,14 +126,14 @@ def test_the_better_model_is_told_from_the_worse(small_corpus, rng):
 
     models = {"worse": noisy(0.02), "better": noisy(0.01), "as good": noisy(0.01)}
     result = evaluate(small_corpus, models, face=None)
-    assert result.ranking()[-1] == "worse"
-    apart = result.difference("worse", "better")
+    assert result.rank_models()[-1] == "worse"
+    apart = result.compare("worse", "better")
     assert 0 < apart.low < apart.value < apart.high
     assert apart.p < 0.01
-    alike = result.difference("better", "as good")
+    alike = result.compare("better", "as good")
     assert alike.low < 0 < alike.high
     assert alike.p > 0.01
-    back = result.difference("better", "worse")
+    back = result.compare("better", "worse")
     assert (back.value, back.low, back.high) == pytest.approx(
         (-apart.value, -apart.high, -apart.low)
     )
@@ -160,7 +165,7 @@ def test_a_table_and_json_hold_every_score(small_corpus):
     table = result.to_frame()
     assert len(table) == 2 * len(GROUPS) * (2 + 1) * 2
     row = table[(table.model == "half") & (table.parameter == "average")].iloc[0]
-    assert row.value == pytest.approx(result.averages("rmse")[0][0, 0])
+    assert row.value == pytest.approx(result.compute_averages("rmse")[0][0, 0])
     json.dumps(result.to_dict(), allow_nan=True)
     assert {d["group"] for d in result.to_dict()["differences"]} == set(GROUPS)
 
@@ -181,7 +186,7 @@ def test_what_cannot_be_scored_is_refused(small_corpus, face_corpus):
         evaluate(quiet, {"m": trained(quiet)}, face=None)
     result = evaluate(small_corpus, {"m": trained(small_corpus)}, face=None, resamples=100)
     with pytest.raises(DataError, match="'x' was not scored"):
-        result.difference("m", "x")
+        result.compare("m", "x")
 
 
 def test_times_of_the_tracks_are_those_of_the_phones(small_corpus):
@@ -194,3 +199,107 @@ def test_times_of_the_tracks_are_those_of_the_phones(small_corpus):
     result = evaluate(corpus, {"m": trained(corpus)}, face=None, resamples=100)
     assert result.frames == (8 * 40, 8 * 20, 8 * 20)
     assert corpus.rate == RATE
+
+
+def test_every_file_is_read_once(small_corpus, monkeypatch):
+    models = {"half": trained(small_corpus, scale=0.5)}
+    calls = []
+    for name in ("read_tracks", "read_phones"):
+        real = getattr(Utterance, name)
+
+        def count(self, name=name, real=real):
+            calls.append((name, self.id))
+            return real(self)
+
+        monkeypatch.setattr(Utterance, name, count)
+    evaluate(small_corpus, models, face=None, resamples=10)
+    assert len(calls) == len(set(calls)) == 16
+
+
+def test_the_range_is_that_of_speech_alone(small_corpus):
+    loud = []
+    for utterance in small_corpus:
+        values = utterance.read_tracks().values.copy()
+        values[:5] = 9.0
+        tracks = utterance.read_tracks().replace(values=values)
+        loud.append(Utterance.from_tracks(tracks, utterance.read_phones()))
+    corpus = Corpus.from_utterances(loud, "en-arpabet")
+    result = evaluate(corpus, {"m": trained(corpus)}, face=None, resamples=10)
+    assert np.array_equal(result.ranges, np.ptp(speech(small_corpus), axis=0))
+
+
+def test_samples_of_the_bootstrap_are_scores_of_the_utterances_drawn(small_corpus):
+    model = trained(small_corpus, scale=0.5, shift=0.003)
+    result = evaluate(small_corpus, {"half": model}, face=None, resamples=20, seed=3)
+    counts = draw_resamples(8, 20, 3).astype(int)
+    for sample in range(20):
+        chosen = np.repeat(np.arange(8), counts[sample])
+        target = np.concatenate(
+            [small_corpus.utterances[i].read_tracks().values[10:50] for i in chosen]
+        )
+        error = np.sqrt(np.mean((0.003 - 0.5 * target) ** 2, axis=0))
+        assert np.allclose(result.rmse_samples[sample, 0, 0], 100 * error / result.ranges)
+        assert np.allclose(result.correlation_samples[sample, 0, 0], 1)
+
+
+def test_scores_print_as_a_table_the_best_model_first(face_corpus):
+    models = {"half open": trained(face_corpus, shift=0.15), "perfect": trained(face_corpus)}
+    result = evaluate(face_corpus, models, resamples=50)
+    lines = str(result).splitlines()
+    assert lines[0].split() == (["model", "free", "parameters", "RMSE", "%", "r", "lips", "closed"])
+    assert lines[1].startswith("perfect")
+    assert lines[1].endswith("100.0 %")
+    assert "0.00 [0.00, 0.00]" in lines[1]
+    assert "1.000 [1.000, 1.000]" in lines[1]
+    assert lines[2].endswith("0.0 %")
+    assert len({len(line) for line in lines}) == 1
+    assert len(repr(result).splitlines()) == 1
+    assert "'perfect'" in repr(result)
+    page = ElementTree.fromstring(result._repr_html_())
+    assert len(page.findall(".//th")) == 2 + 2 * len(GROUPS) + 1
+    assert [row[0].text for row in page.findall(".//tbody/tr")] == ["perfect", "half open"]
+    blind = evaluate(face_corpus, models, face=None, resamples=50)
+    assert "closed" not in str(blind)
+
+
+def test_evaluations_are_compared_copied_and_pickled(face_corpus):
+    models = {"half": trained(face_corpus, scale=0.5)}
+    result, other = (evaluate(face_corpus, models, resamples=20, seed=s) for s in (0, 1))
+    for copy in (pickle.loads(pickle.dumps(result)), deepcopy(result)):
+        assert copy.equals(result)
+    assert not result.equals(other)
+    assert not result.equals("scores")
+    assert not result.equals(dataclasses.replace(result, closed={"half": 0.0, "target": 0.5}))
+    assert not result.equals(dataclasses.replace(result, bilabials=3))
+    missing = dataclasses.replace(result, ranges=np.full_like(result.ranges, np.nan))
+    assert missing.equals(dataclasses.replace(missing))
+
+
+def test_scores_are_plotted(small_corpus):
+    models = {"half": trained(small_corpus, scale=0.5), "perfect": trained(small_corpus)}
+    result = evaluate(small_corpus, models, face=None, resamples=50)
+    axes = result.plot()
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["half", "perfect"]
+    drawn = axes.containers[0][0].get_xdata()
+    assert drawn.tolist() == result.compute_averages("rmse")[0][::1, 0].tolist()
+    other = Figure().subplots()
+    assert result.plot("correlation", other) is other
+    assert other.get_title() == "correlation"
+
+
+def test_differences_are_the_cells_of_a_table(small_corpus):
+    models = {"half": trained(small_corpus, scale=0.5), "perfect": trained(small_corpus)}
+    models["shifted"] = trained(small_corpus, shift=0.003)
+    result = evaluate(small_corpus, models, face=None, resamples=100)
+    header, rows = result.to_difference_rows()
+    order = result.rank_models()
+    assert len(header) == len(rows[0]) == 5
+    assert [row[:2] for row in rows] == [
+        [order[0], order[1]],
+        [order[0], order[2]],
+        [order[1], order[2]],
+    ]
+    apart = result.compare(order[1], order[2])
+    assert rows[2][2] == f"{apart.value:+.3f}"
+    assert apart.value < 0
+    assert rows[2][4] == f"{apart.p:.3f}"

@@ -6,7 +6,7 @@ import pytest
 from corpus_tools import simulation as simulate
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.errors import DataError
-from mocap_fit.evaluation.landmarks import FITTED, landmark_scores
+from mocap_fit.evaluation.landmarks import FITTED, evaluate_landmarks
 from mocap_fit.face import load_face
 from mocap_fit.fitting import load_layout
 from mocap_fit.phones import PhoneSegment, PhoneSequence
@@ -28,7 +28,7 @@ def recorded():
 
 
 def test_true_parameters_agree_with_the_markers(recorded):
-    result = landmark_scores(recorded, {}, resamples=200)
+    result = evaluate_landmarks(recorded, {}, resamples=200)
     assert result.models == (FITTED,)
     assert (result.correlation > 0.98).all()
     assert result.low[0] <= result.mean[0] <= result.high[0]
@@ -46,13 +46,13 @@ def test_another_utterance_disagrees(recorded):
         for i, u in enumerate(recorded)
     ]
     corpus = dataclasses.replace(recorded, utterances=tuple(swapped))
-    assert landmark_scores(corpus, {}, resamples=200).mean[0] < 0.5
+    assert evaluate_landmarks(corpus, {}, resamples=200).mean[0] < 0.5
 
 
 def test_what_cannot_be_compared_is_refused(recorded):
     with pytest.raises(DataError, match="not those of the face"):
-        landmark_scores(dataclasses.replace(recorded, parameter_names=("x",)), {})
+        evaluate_landmarks(dataclasses.replace(recorded, parameter_names=("x",)), {})
     layout = load_layout("face30-head5")
     bare = [m for m in layout.markers if m.feature_point not in ("8.3", "8.4", "2.4", "2.5")]
     with pytest.raises(DataError, match=r"shows the mouth.*8\.3, 8\.4 or 2\.4, 2\.5"):
-        landmark_scores(recorded, {}, layout=layout.model_copy(update={"markers": tuple(bare)}))
+        evaluate_landmarks(recorded, {}, layout=layout.model_copy(update={"markers": tuple(bare)}))

@@ -1,0 +1,86 @@
+"""Tables of scores as text and as HTML."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+
+
+def format_value(values: Sequence[float], digits: int) -> str:
+    """Format a value with its confidence interval.
+
+    Parameters
+    ----------
+    values
+        The value, and the low and the high end of its interval.
+    digits
+        Digits after the point.
+
+    Returns
+    -------
+    str
+        Such as ``6.68 [6.55, 6.80]``.
+    """
+    value, low, high = (f"{each:.{digits}f}" for each in values)
+    return f"{value} [{low}, {high}]"
+
+
+def format_percent(part: float | None) -> str:
+    """Format a part as per cent.
+
+    Parameters
+    ----------
+    part
+        0 to 1; None or NaN where unknown.
+
+    Returns
+    -------
+    str
+        Such as ``97.5 %``, or a dash.
+    """
+    return "–" if part is None or part != part else f"{100 * part:.1f} %"
+
+
+def format_text(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Format a table as text: the first column at the left, the others at the right.
+
+    Parameters
+    ----------
+    header
+        Names of the columns.
+    rows
+        Cells.
+
+    Returns
+    -------
+    str
+        A line for the header and one a row.
+    """
+    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
+    lines = []
+    for row in (header, *rows):
+        cells = [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
+        lines.append("  ".join([row[0].ljust(widths[0]), *cells]).rstrip())
+    return "\n".join(lines)
+
+
+def format_html(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Format a table as HTML.
+
+    Parameters
+    ----------
+    header
+        Names of the columns.
+    rows
+        Cells.
+
+    Returns
+    -------
+    str
+        One ``table`` element.
+    """
+    head = "".join(f"<th>{html.escape(name)}</th>" for name in header)
+    body = "".join(
+        f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in rows
+    )
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
