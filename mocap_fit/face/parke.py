@@ -217,7 +217,7 @@ def _compute_on_part(
     part = mesh.get_part(weight.on)
     vertices = slice(part.vertices.start, part.vertices.stop)
     share = np.zeros(len(mesh.vertices))
-    if weight.centre is not None and weight.radii is not None:
+    if weight.centre is not None:
         share[vertices] = compute_falloff(
             mesh.vertices[vertices],
             weight.centre.locate(mesh, scales, locations),

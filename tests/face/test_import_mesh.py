@@ -178,11 +178,23 @@ def test_left_handed_axes_keep_the_outside_outside(tmp_path):
 def test_triangles_that_face_inwards_are_turned_with_a_warning(tmp_path):
     vertices, triangles = egg()
     path = write_obj(tmp_path / "a.obj", vertices, triangles[:, ::-1].tolist())
-    with pytest.warns(MocapFitWarning, match="inwards") as caught:
+    with pytest.warns(MocapFitWarning, match="of 1 objects faced inwards") as caught:
         mesh = read_mesh(path)
     assert volume(mesh) > 0
     # The warning points at the caller.
     assert caught[0].filename == __file__
+
+
+@pytest.mark.parametrize("depth", [-300.0, 0, 300])
+def test_an_open_mask_is_seen_from_its_bulging_side_wherever_it_is(tmp_path, depth):
+    vertices, triangles = egg()
+    moved = vertices + np.array([0, 0, depth])
+    front = triangles[vertices[triangles, 2].mean(axis=1) > 10]
+    path = write_obj(tmp_path / "a.obj", moved, front.tolist())
+    assert quiet(path).compute_normals()[vertices[:, 2].argmax(), 2] > 0.5
+    path = write_obj(tmp_path / "a.obj", moved, front[:, ::-1].tolist())
+    with pytest.warns(MocapFitWarning, match="inwards"):
+        assert read_mesh(path).compute_normals()[vertices[:, 2].argmax(), 2] > 0.5
 
 
 def test_a_flat_sheet_faces_where_it_faced(tmp_path):

@@ -355,6 +355,7 @@ class TestRefusals:
         ("content", "says"),
         [
             (b"", "no parameters or no transforms"),
+            (b"[parameters]\nopen = [0, 1]", "no parameters or no transforms"),
             (b"\xff\xfe\x00", "cannot be read"),
             (b"a = " + b"[" * 5000, "not TOML"),
             (b"extends = 'parke'\nmesh = ''", "mesh"),
@@ -431,8 +432,9 @@ class TestWhatIsTaken:
         rig = load_face(path)
         assert rig.deform([1.0]).shape == rig.mesh.vertices.shape
 
-    def test_a_rig_of_ones_own_does_what_it_says(self, tmp_path: Path) -> None:
-        rig = load_face(written(tmp_path, PLANE))
+    @pytest.mark.parametrize("axis", ["[1, 0, 0]", "[0.5, 0, 0]"])
+    def test_a_rig_of_ones_own_does_what_it_says(self, axis: str, tmp_path: Path) -> None:
+        rig = load_face(written(tmp_path, PLANE.replace("[1, 0, 0]", axis)))
         assert isinstance(rig, ParkeRig)
         assert rig.bounds.tolist() == [[-1, 2]]
         mesh = rig.mesh
@@ -448,6 +450,26 @@ class TestWhatIsTaken:
             np.sin(angle) * arm[1] + np.cos(angle) * arm[2],
         ]
         np.testing.assert_allclose(moved[tooth], turned - arm, atol=1e-12)
+
+    def test_a_field_may_be_on_any_part(self, tmp_path: Path) -> None:
+        """On the strip of teeth, which comes after the skin: from one end to the other."""
+        teeth = load_face(FACES / "mask.toml").mesh.get_region("teeth_lower")
+        first, last = teeth[0], teeth[len(teeth) // 2 - 1]
+        values = "[{ value = 0, regions = 'one' }, { value = 1, regions = 'other' }]"
+        text = PLANE.replace(
+            f"[weights.field]\nvalues = {VALUES}",
+            f"[weights.field]\non = 'LowerTeeth'\nvalues = {values}",
+        )
+        text = text.replace('multiply = "1 - all"\nparts = { LowerTeeth = 0.5 }\n', "")
+        text += f"[regions]\none = {{ vertices = [{first}] }}\nother = {{ vertices = [{last}] }}\n"
+        rig = load_face(written(tmp_path, text))
+        assert isinstance(rig, ParkeRig)
+        weights = rig._compiled.weights[0]
+        assert weights[: teeth[0]].max() == 0
+        # The lower row of the strip, end to end.
+        row = weights[first : last + 1]
+        assert row[[0, -1]].tolist() == [0, 1]
+        assert (np.diff(row) > 0).all()
 
     def test_lengths_are_scaled_to_the_mouth(self, tmp_path: Path) -> None:
         mesh = load_face(FACES / "mask.toml").mesh
