@@ -19,9 +19,11 @@ FILE = Path("take.csv")
 
 @pytest.mark.parametrize(
     ("unit", "millimetres"),
-    [("mm", 1), ("Millimeters", 1), ("cm", 10), ("dm", 100), (" m ", 1000), ("metres", 1000)]
-    # The international inch of 1959.
-    + [("in", 25.4), ("inches", 25.4), ("FT", 12 * 25.4), ("um", 0.001)],
+    [
+        *[("mm", 1), ("Millimeters", 1), ("cm", 10), ("dm", 100), (" m ", 1000), ("metres", 1000)],
+        # The international inch of 1959.
+        *[("in", 25.4), ("inches", 25.4), ("FT", 12 * 25.4), ("um", 0.001)],
+    ],
 )
 def test_units_of_length(unit: str, millimetres: float) -> None:
     assert finalise.get_millimetres(unit, path=FILE) == pytest.approx(millimetres)

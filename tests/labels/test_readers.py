@@ -59,6 +59,35 @@ def test_the_tier_of_phones_is_found_by_content():
         to_phones(labels(WORDS, PHONES), "phon")
 
 
+@pytest.mark.parametrize(("symbols", "ok"), [("aaaa b c d", True), ("aaaaa b c d", False)])
+def test_without_a_set_four_letters_are_a_phone(symbols, ok):
+    texts = symbols.split()
+    short = tier("x", *[(i, i + 1, text) for i, text in enumerate(texts)])
+    notes = tier("y", (0, 1, "a long remark"))
+    if ok:
+        assert find_phone_tier(labels(notes, short, end=4)) is short
+    else:
+        # One of four is more than one in five.
+        with pytest.raises(DataError, match="holds phones"):
+            find_phone_tier(labels(notes, short, end=4))
+
+
+def test_four_of_five_labels_make_a_tier_of_phones():
+    texts = ["a", "b", "c", "d", "no phone"]
+    mostly = tier("x", *[(i, i + 1, text) for i, text in enumerate(texts)], (5, 6, " "))
+    words = tier("words", (0, 6, "w"))
+    assert find_phone_tier(labels(words, mostly, end=6)) is mostly
+    longer = tier("z", *[(i, i + 1, "q") for i in range(7)])
+    assert find_phone_tier(labels(words, mostly, longer, end=7)) is longer
+
+
+def test_the_word_is_that_at_the_centre_of_the_phone():
+    late = tier("words", (0, 0.29, "early"), (0.29, 0.61, "ab"), (0.61, 1, "c"))
+    assert [s.word for s in to_phones(labels(late, PHONES))] == ["ab", "ab", "c"]
+    gap = tier("words", (0.2, 0.3, "a"), (0.3, 0.4, "b"), (0.9, 1, "c"))
+    assert [s.word for s in to_phones(labels(gap, PHONES))] == ["b", "", ""]
+
+
 def test_phones_have_their_words_stress_and_silence():
     plain = to_phones(labels(WORDS, PHONES))
     assert [(s.phone, s.word) for s in plain] == [("AA1", "ab"), ("B", "ab"), ("K", "c")]
@@ -117,12 +146,41 @@ def test_all_faults_are_listed():
 
 
 def test_tiny_overlaps_are_mended_and_larger_ones_refused():
-    tiny = labels(tier("phones", (0, 0.5003, "a"), (0.5, 1, "b")))
+    tiny = labels(tier("phones", (0, 0.50049, "a"), (0.5, 1, "b")))
     with pytest.warns(MocapFitWarning, match="overlap by less than 0.5 ms"):
         mended = to_phones(tiny)
     assert mended.ends.tolist() == [0.5, 1.0]
-    with pytest.raises(DataError, match=r"overlap at 0\.5000 to 0\.5010 s \('b'"):
-        to_phones(labels(tier("phones", (0, 0.501, "a"), (0.5, 1, "b"))))
+    with pytest.raises(DataError, match=r"overlap at 0\.5000 to 0\.5005 s \('b'"):
+        to_phones(labels(tier("phones", (0, 0.50051, "a"), (0.5, 1, "b"))))
+    # An earlier label that would vanish is not shortened.
+    with pytest.raises(DataError, match="overlap"):
+        to_phones(labels(tier("phones", (0, 0.5, "a"), (0.5, 0.5004, "b"), (0.5, 1, "c"))))
+
+
+def test_a_microsecond_is_no_gap():
+    for missing, kinds in ((9e-7, []), (2e-6, ["gap"])):
+        near = labels(tier("phones", (0, 0.5, "a"), (0.5 + missing, 1, "b")))
+        assert [fault.kind for fault in find_label_faults(near)] == kinds
+        end = labels(tier("phones", (0, 1 - missing, "a")))
+        assert [fault.kind for fault in find_label_faults(end)] == kinds
+        beyond = labels(tier("phones", (0, 1 + missing, "a")))
+        assert len(find_label_faults(beyond)) == len(kinds)
+
+
+def test_stress_and_marks_of_a_set_are_written():
+    phones = PhoneSequence((PhoneSegment(0.5, 1.0, "A:", 1, "a"), PhoneSegment(1.0, 1.5, "P")))
+    written = to_labels(phones)
+    assert [e.text for e in written.get_tier("phones").entries] == ["", "A:1", "P"]
+    assert [(e.start, e.end, e.text) for e in written.get_tier("words").entries] == [
+        (0.0, 0.5, ""),
+        (0.5, 1.0, "a"),
+        (1.0, 1.5, ""),
+    ]
+    swedish = to_labels(phones, 2.0, load_phone_set("sv-sta"))
+    assert [e.text for e in swedish.get_tier("phones").entries] == ["", "'A:", "P", ""]
+    assert swedish.end == 2.0
+    assert to_labels(phones, 1.0).end == 1.5
+    assert repr(swedish) == "<Labels : 0 to 2 s, tiers words (3 intervals), phones (4 intervals)>"
 
 
 def sequence():
