@@ -94,7 +94,6 @@ PENDING = (
     "corpus_tools/talking",
     "corpus_tools/training",
     "corpus_tools/validation",
-    "mocap_fit/synthesis",
 )
 
 

@@ -192,7 +192,7 @@ def align(
         [Path(sound) for sound in sounds], None if text is None else Path(text)
     )
     aligner = Aligner(dictionary, acoustic_model, phone_set)
-    aligner.words("\n".join(spoken.values()))
+    aligner.find_words("\n".join(spoken.values()))
     folder = Path(out)
     make_folder(folder)
     aligned: list[Mapping[str, Any]] = []

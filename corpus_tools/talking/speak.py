@@ -355,7 +355,7 @@ def _read_labels(source: Source, models: Sequence[ControlModel]) -> PhoneSequenc
 
 
 def _predict(speech: _Speech, models: Sequence[ControlModel], nearest: bool) -> None:
-    from mocap_fit.synthesis import phones_for
+    from mocap_fit.synthesis import to_model_phones
 
     assert speech.phones is not None
     titles = [model.title for model in models]
@@ -366,7 +366,7 @@ def _predict(speech: _Speech, models: Sequence[ControlModel], nearest: bool) -> 
             label += f" ({model.trained_on_.get('corpus') or model.phone_set_.name})"
         while label in speech.heads:
             label += " again"
-        phones = phones_for(speech.phones, model, nearest=nearest)
+        phones = to_model_phones(speech.phones, model, nearest=nearest)
         speech.heads[label] = model.predict(phones)
         speech.about.append(
             {

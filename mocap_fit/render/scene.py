@@ -288,7 +288,7 @@ class _Balls:
             steps = len(shape) * np.arange(len(positions))[:, None, None]
             every = (triangles + steps).reshape(-1, 3)
             self._surface = _Surface(self._plotter, np.tile(shape, (len(positions), 1)), every)
-        visible: NDArray[np.bool_] = np.isfinite(positions).all(axis=1)
+        visible = np.asarray(np.isfinite(positions).all(axis=1))
         # A ball of no size is not drawn; it is put where it does not extend the camera's range.
         middle = positions[visible].mean(axis=0) if visible.any() else 0.0
         centres = np.where(visible[:, None], positions, middle)

@@ -1,7 +1,7 @@
-"""From text and sound to labelled phones: forced alignment, and text to speech."""
+"""Talking heads from text, sound or phones: alignment, text to speech, face parameters."""
 
 from mocap_fit.synthesis.alignment import Aligner, align
-from mocap_fit.synthesis.from_phones import Frame, phones_for, stream_frames, synthesise
+from mocap_fit.synthesis.from_phones import Frame, stream_frames, synthesise, to_model_phones
 from mocap_fit.synthesis.text_to_phones import SpokenText, TextSpeaker, speak_text
 
 __all__ = [
@@ -10,8 +10,8 @@ __all__ = [
     "SpokenText",
     "TextSpeaker",
     "align",
-    "phones_for",
     "speak_text",
     "stream_frames",
     "synthesise",
+    "to_model_phones",
 ]

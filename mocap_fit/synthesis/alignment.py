@@ -1,4 +1,4 @@
-"""Forced alignment: when each phone of a known text is heard.
+"""Forced alignment: the times of the phones of a known text in a sound.
 
 pocketsphinx (hidden Markov models of phones, Viterbi search) does it in two passes over the
 sound: the first finds the words, with a pronunciation for each and silences between them, the
@@ -12,7 +12,6 @@ import math
 import os
 import re
 import unicodedata
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -23,18 +22,18 @@ from numpy.typing import ArrayLike
 from mocap_fit.errors import (
     ConfigurationError,
     DataError,
-    FileFormatError,
     MissingExtraError,
-    from_os_error,
+    add_path,
 )
 from mocap_fit.io.text import check_file
 from mocap_fit.phones import PhoneSegment, PhoneSequence, PhoneSet, load_phone_set, normalise_phones
+from mocap_fit.sound import read_sound
 from mocap_fit.tracks import FloatArray
 
 MODEL_RATE = 16000
-"""Samples per second that the models are made for."""
+"""Hertz: the sampling rate of the models."""
 
-# A text that is known needs no guessing: with the usual narrow beams the search loses it.
+# The text is known: with the usual narrow beams the search may lose it.
 _BEAM = 1e-80
 _PEAK = 0.5
 _SHORTEST = 0.1
@@ -44,18 +43,19 @@ _NO_SPEECH = re.compile(r"SIL|\+.*\+", re.IGNORECASE)
 
 
 class Aligner:
-    """What finds the phones of sentences, one after another, with one model.
+    """A model that finds the times of the phones of sentences, one after another.
 
     Parameters
     ----------
     dictionary
-        A pronouncing dictionary in CMU's format, a word and its phones a line, in place of the
-        English one; or words and their phones (``{"mocap": "M OW K AE P"}``), added to it.
+        A pronouncing dictionary in CMU's format, a word and its phones a line, that replaces the
+        English one; or words and their phones (``{"mocap": "M OW K AE P"}``), which are added to
+        it.
     acoustic_model
-        A folder with a model of pocketsphinx, in place of the English one.
+        A folder with a model of pocketsphinx that replaces the English one.
     phone_set
-        What the model's phones are read as; ``en-arpabet`` for the English model. Where not given
-        with another model, symbols stay as the model has them, and silence is ``sil``.
+        The phone set of the model's phones; ``en-arpabet`` for the English model. If None with
+        another model, symbols stay as the model has them, and silence is ``sil``.
 
     Raises
     ------
@@ -71,67 +71,79 @@ class Aligner:
         acoustic_model: str | os.PathLike[str] | None = None,
         phone_set: PhoneSet | str | Path | None = None,
     ) -> None:
-        added = dictionary if isinstance(dictionary, Mapping) else {}
+        additions = dictionary if isinstance(dictionary, Mapping) else {}
         path = None if isinstance(dictionary, Mapping) else dictionary
-        self._decoder = _decoder(path, acoustic_model)
+        self._decoder = _create_decoder(path, acoustic_model)
         if phone_set is None and acoustic_model is None:
             phone_set = "en-arpabet"
         self._set = load_phone_set(phone_set) if isinstance(phone_set, str | Path) else phone_set
-        for word, phones in added.items():
-            self._add(word, phones)
+        for word, phones in additions.items():
+            self._add_word(word, phones)
 
-    def _add(self, word: str, phones: str) -> None:
+    def _add_word(self, word: str, phones: str) -> None:
         try:
-            done = self._decoder.add_word(word, phones, True)
+            number = self._decoder.add_word(word, phones, True)
         except RuntimeError:
-            done = -1
-        if done is not None and done < 0:
+            number = -1
+        if number is not None and number < 0:
             raise ConfigurationError(
                 f"the word '{word}' cannot be added to the dictionary",
                 found=phones,
                 expected="phones of the acoustic model with blanks between, for a new word",
             )
 
-    def words(self, text: str) -> list[str]:
-        """The words of a text as the dictionary writes them.
+    def find_words(self, text: str) -> list[str]:
+        """Find the words of a text in the dictionary.
+
+        Parameters
+        ----------
+        text
+            Words, with or without punctuation.
+
+        Returns
+        -------
+        list of str
+            The words as the dictionary spells them.
 
         Raises
         ------
         DataError
-            If words are not in the dictionary; all are listed. Or if there is no word.
+            If words are not in the dictionary, which are all listed, or there is no word.
         """
-        found: list[str] = []
+        words: list[str] = []
         missing: list[str] = []
         for token in unicodedata.normalize("NFC", text).replace("’", "'").split():
             if not any(unicodedata.category(c)[0] in "LNM" for c in token):
                 continue
-            entries = self._looked_up(token)
+            entries = self._look_up(token)
             if entries:
-                found += entries
-            elif _bare(token) not in missing:
-                missing.append(_bare(token))
+                words += entries
+            elif _strip_punctuation(token) not in missing:
+                missing.append(_strip_punctuation(token))
         if missing:
             raise DataError(
-                # In the sentence itself, which is not shortened as what was found is.
+                # Not as what was found, which is shortened.
                 f"{len(missing)} words are not in the dictionary: {', '.join(missing)}",
                 advice="Check the spelling, write numbers as words, or give their phones "
                 "(dictionary=...).",
             )
-        if not found:
+        if not words:
             raise DataError("there is no word to align", found=repr(text))
-        return found
+        return words
 
-    def _looked_up(self, token: str) -> list[str] | None:
-        bare = _bare(token)
+    def _look_up(self, token: str) -> list[str] | None:
+        bare = _strip_punctuation(token)
         for word in dict.fromkeys(
-            form for whole in (token, bare, bare.strip("'")) for form in _forms(whole)
+            form
+            for spelling in (token, bare, bare.strip("'"))
+            for form in (spelling, spelling.lower(), spelling.upper())
         ):
             if word and self._decoder.lookup_word(word) is not None:
                 return [word]
         parts = re.split(r"[-–—/]+", bare)
         if len(parts) < 2:
             return None
-        known = [self._looked_up(part) for part in parts if part]
+        known = [self._look_up(part) for part in parts if part]
         return [w for part in known for w in part or []] if all(known) else None
 
     def align(
@@ -142,19 +154,19 @@ class Aligner:
         *,
         name: str = "",
     ) -> PhoneSequence:
-        """Find when each phone of a text is heard.
+        """Find the times of the phones of a text in a sound.
 
         Parameters
         ----------
         sound
-            A wav file, or `(samples,)` or `(samples, channels)` of any scale; of several
-            channels the mean is taken.
+            A sound file, or samples of any scale, ``(samples,)`` or ``(samples, channels)``; the
+            mean of several channels is taken.
         text
-            What is said, in words.
+            The words that are said.
         rate
-            Samples per second of an array.
+            Sampling rate of samples, hertz.
         name
-            Of the utterance; the file's where not given.
+            Name of the utterance; that of the file by default.
 
         Returns
         -------
@@ -165,38 +177,30 @@ class Aligner:
         Raises
         ------
         FileFormatError
-            If the file is no wav file.
+            If the file is no sound file.
         DataError
             If words are not in the dictionary, the sound is silent or too short, or the text
-            cannot be what is said.
+            is not what is said.
         """
+        path = sound if isinstance(sound, str | os.PathLike) else None
         if isinstance(sound, str | os.PathLike):
-            path: str | os.PathLike[str] | None = sound
-            samples, rate = _read_wav(sound)
-            name = name or Path(sound).stem
+            read = read_sound(sound)
+            samples, rate, name = read.samples, read.rate, name or read.name
+        elif rate is None:
+            raise DataError("samples need their rate", advice="Give rate=, in hertz.")
         else:
-            path = None
-            if rate is None:
-                raise DataError("samples need their rate", advice="Give rate=, in hertz.")
             samples = np.asarray(sound, dtype=np.float64)
-        words = self.words(text)
+        words = self.find_words(text)
         try:
-            duration = len(samples) / rate
-            segments = self._segments(_prepared(samples, rate), words, duration)
+            segments = self._find_segments(_to_pcm(samples, rate), words, len(samples) / rate)
         except DataError as error:
-            raise DataError(
-                error.problem,
-                path=path,
-                found=error.found,
-                expected=error.expected,
-                advice=error.advice,
-            ) from None
+            raise (error if path is None else add_path(error, path)) from None
         sequence = PhoneSequence(tuple(segments), name=name)
         if self._set is not None:
             sequence = normalise_phones(sequence, self._set)
         return sequence.add_step("align", {"text": " ".join(words)})
 
-    def _segments(self, pcm: bytes, words: list[str], duration: float) -> list[PhoneSegment]:
+    def _find_segments(self, pcm: bytes, words: list[str], duration: float) -> list[PhoneSegment]:
         decoder = self._decoder
         failed = DataError(
             "the text cannot be aligned to the sound",
@@ -205,39 +209,39 @@ class Aligner:
         )
         try:
             decoder.set_align_text(" ".join(words))
-            _hear(decoder, pcm)
-            heard = [_VARIANT.sub("", s.word) for s in decoder.seg() or ()]
-            wanted = [_VARIANT.sub("", word) for word in words]
-            if [word for word in heard if word in set(wanted)] != wanted:
+            _decode(decoder, pcm)
+            spoken = [_VARIANT.sub("", s.word) for s in decoder.seg() or ()]
+            expected = [_VARIANT.sub("", word) for word in words]
+            if [word for word in spoken if word in set(expected)] != expected:
                 raise failed
             decoder.set_alignment()
-            _hear(decoder, pcm)
+            _decode(decoder, pcm)
             alignment = decoder.get_alignment()
-            found = [
+            phones = [
                 (_VARIANT.sub("", word.name), phone.name, phone.start)
                 for word in (alignment.words() if alignment is not None else ())
                 for phone in word
             ]
         except RuntimeError:
             raise failed from None
-        if not found:
+        if not phones:
             raise failed
-        # The model hears in frame i the sound of a window that begins at i steps. The border of
-        # two frames lies between the middles of their windows, half a window less half a step on.
+        # The window of frame i begins at i steps. The border of two frames lies between the
+        # middles of their windows: half a window less half a step later.
         step = 1.0 / decoder.config["frate"]
         shift = 0.5 * (float(decoder.config["wlen"]) - step)
-        starts = [0.0, *(start * step + shift for _, _, start in found[1:])]
+        starts = [0.0, *(start * step + shift for _, _, start in phones[1:])]
         ends = [*starts[1:], duration]
         segments: list[PhoneSegment] = []
-        for (word, phone, _), begin, end in zip(found, starts, ends, strict=True):
+        for (word, phone, _), begin, end in zip(phones, starts, ends, strict=True):
             start = begin
             if not start < end:
                 raise failed
             silent = _NO_SPEECH.fullmatch(phone) is not None
             if silent and segments and segments[-1].phone == "sil":
                 start = segments.pop().start
-            symbol, spoken = ("sil", "") if silent else (phone, word)
-            segments.append(PhoneSegment(start, end, symbol, word=spoken))
+            symbol, label = ("sil", "") if silent else (phone, word)
+            segments.append(PhoneSegment(start, end, symbol, word=label))
         return segments
 
 
@@ -251,25 +255,49 @@ def align(
     phone_set: PhoneSet | str | Path | None = None,
     name: str = "",
 ) -> PhoneSequence:
-    """Find when each phone of a text is heard in one sound; for many, make one `Aligner`.
+    """Find the times of the phones of a text in one sound; for many, make one `Aligner`.
 
     Parameters
     ----------
-    sound, text, rate, name
-        As for `Aligner.align`.
-    dictionary, acoustic_model, phone_set
-        As for `Aligner`.
+    sound
+        A sound file, or samples of any scale, ``(samples,)`` or ``(samples, channels)``; the mean
+        of several channels is taken.
+    text
+        The words that are said.
+    rate
+        Sampling rate of samples, hertz.
+    dictionary
+        A pronouncing dictionary that replaces the English one, or words and their phones, which
+        are added to it.
+    acoustic_model
+        A folder with a model of pocketsphinx that replaces the English one.
+    phone_set
+        The phone set of the model's phones; ``en-arpabet`` for the English model.
+    name
+        Name of the utterance; that of the file by default.
+
+    Returns
+    -------
+    PhoneSequence
+        Phones from 0 to the sound's end without a gap; their times are multiples of 10 ms.
 
     Raises
     ------
-    MocapFitError
-        As `Aligner` and `Aligner.align` do.
+    MissingExtraError
+        If pocketsphinx is not installed.
+    ConfigurationError
+        If the model or the dictionary cannot be loaded.
+    FileFormatError
+        If the file is no sound file.
+    DataError
+        If words are not in the dictionary, the sound is silent or too short, or the text is not
+        what is said.
     """
     aligner = Aligner(dictionary, acoustic_model, phone_set)
     return aligner.align(sound, text, rate, name=name)
 
 
-def _decoder(
+def _create_decoder(
     dictionary: str | os.PathLike[str] | None, acoustic_model: str | os.PathLike[str] | None
 ) -> Any:
     try:
@@ -311,8 +339,8 @@ def _decoder(
         ) from None
 
 
-def _hear(decoder: Any, pcm: bytes) -> None:
-    # Forgets the noise that it has learnt: both passes hear the same, whatever was heard before.
+def _decode(decoder: Any, pcm: bytes) -> None:
+    # Without this the decoder adapts to noise, and a result would depend on those before it.
     decoder.reinit_feat()
     decoder.start_utt()
     try:
@@ -321,28 +349,23 @@ def _hear(decoder: Any, pcm: bytes) -> None:
         decoder.end_utt()
 
 
-def _bare(token: str) -> str:
-    """A word without the punctuation around it; apostrophes stay."""
+def _strip_punctuation(token: str) -> str:
+    """Return a word without the punctuation around it; apostrophes stay."""
     outside = {c for c in token if unicodedata.category(c)[0] in "PS"} - {"'"}
     return token.strip("".join(outside)) if outside else token
 
 
-def _forms(word: str) -> tuple[str, ...]:
-    return word, word.lower(), word.upper()
-
-
-def _prepared(samples: FloatArray, rate: float) -> bytes:
-    """The sound as the model wants it: 16 kHz, one channel, 16 bits, at a fixed level."""
+def _to_pcm(samples: FloatArray, rate: float) -> bytes:
+    """Convert a sound to what the model reads: 16 kHz, one channel, 16 bits, a fixed level."""
     from scipy.signal import resample_poly
 
     if samples.ndim == 2:
         samples = samples.mean(axis=1)
-    whole = round(rate)
-    if samples.ndim != 1 or not math.isfinite(rate) or whole < 1 or abs(rate - whole) > 1e-6:
+    if samples.ndim != 1 or not math.isfinite(rate) or rate < 1 or abs(rate - round(rate)) > 1e-6:
         raise DataError(
-            "the sound has an impossible shape or rate",
+            "the shape or the rate of the sound is out of range",
             found=f"{samples.shape} at {rate} Hz",
-            expected="(samples,) or (samples, channels) at a whole number of hertz",
+            expected="(samples,) or (samples, channels) at an integer number of hertz",
         )
     if len(samples) < _SHORTEST * rate:
         raise DataError(
@@ -351,33 +374,11 @@ def _prepared(samples: FloatArray, rate: float) -> bytes:
             expected=f"at least {_SHORTEST} s",
         )
     if not np.isfinite(samples).all():
-        raise DataError("the sound has samples that are no numbers")
+        raise DataError("the sound has samples that are not numbers")
     samples = samples - samples.mean()
     peak = float(np.abs(samples).max())
     if peak == 0:
         raise DataError("the sound is silent", advice="Check the channel and the file.")
-    divisor = math.gcd(MODEL_RATE, whole)
-    heard = resample_poly(samples / peak, MODEL_RATE // divisor, whole // divisor)
-    return bytes(np.clip(heard * _PEAK * 32767, -32768, 32767).astype("<i2").tobytes())
-
-
-def _read_wav(path: str | os.PathLike[str]) -> tuple[FloatArray, float]:
-    from scipy.io import wavfile
-
-    file = check_file(path)
-    try:
-        with warnings.catch_warnings():
-            # Chunks that say nothing of the sound.
-            warnings.simplefilter("ignore", wavfile.WavFileWarning)
-            rate, samples = wavfile.read(file)
-    except OSError as error:
-        raise from_os_error(error, path) from None
-    except (ValueError, EOFError, TypeError, ArithmeticError) as error:
-        raise FileFormatError(
-            "this is not a wav file that can be read",
-            path=path,
-            found=error,
-            expected="PCM or float samples",
-            advice="Convert the sound to a plain wav file.",
-        ) from None
-    return np.asarray(samples, dtype=np.float64), float(rate)
+    divisor = math.gcd(MODEL_RATE, round(rate))
+    resampled = resample_poly(samples / peak, MODEL_RATE // divisor, round(rate) // divisor)
+    return bytes(np.clip(resampled * _PEAK * 32767, -32768, 32767).astype("<i2").tobytes())

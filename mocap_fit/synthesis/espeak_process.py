@@ -1,8 +1,8 @@
-"""espeak-ng in a process of its own: it is a GPL program, and one process can only hold one.
+"""espeak-ng in a separate process, because it is a GPL program.
 
-Run as a script, it reads a request from its input, as JSON, and answers with a line of JSON and,
-after it, samples of 16 bits. One process says one text, for what espeak-ng said before shows in
-what it says next. It imports nothing of mocap-fit, whose `mocap_fit.synthesis.text_to_phones`
+Run as a script, it reads a request from its input, as JSON, and writes a line of JSON and, after
+it, samples of 16 bits. A process speaks one text, because what espeak-ng spoke before influences
+what it speaks next. It imports nothing of mocap-fit, whose `mocap_fit.synthesis.text_to_phones`
 starts it.
 
 Request: ``{"voice": "sv", "text": "...", "speed": 160}``.
@@ -55,13 +55,13 @@ _Callback = ctypes.CFUNCTYPE(
 )
 
 
-def _bytes_of(event: _Event) -> bytes:
+def _read_identifier(event: _Event) -> bytes:
     # Not `identifier.string`, which ends at a zero byte but may fill all eight.
     raw = ctypes.string_at(ctypes.addressof(event.identifier), 8)
     return raw.split(b"\0")[0]
 
 
-def _loaded() -> Any:
+def _load_library() -> Any:
     import espeakng_loader
 
     library = ctypes.CDLL(espeakng_loader.get_library_path())
@@ -80,45 +80,43 @@ def _loaded() -> Any:
     return library, espeakng_loader.get_data_path().encode()
 
 
-def _voices(library: Any) -> list[str]:
-    found = []
-    listed = library.espeak_ListVoices(None)
-    place = 0
-    while listed[place]:
+def _list_voices(library: Any) -> list[str]:
+    voices = library.espeak_ListVoices(None)
+    tags = set()
+    index = 0
+    while voices[index]:
         # The first byte is a priority.
-        tag = listed[place].contents.languages[1:].decode("utf-8", "replace")
-        found.append(tag)
-        place += 1
-    return sorted(set(found))
+        tags.add(voices[index].contents.languages[1:].decode("utf-8", "replace"))
+        index += 1
+    return sorted(tags)
 
 
 def main() -> None:
-    """Answer the request on the input."""
+    """Read the request from the input and write the answer."""
     request = json.loads(sys.stdin.buffer.read())
-    library, folder = _loaded()
+    library, folder = _load_library()
     samples: list[bytes] = []
     events: list[list[Any]] = []
 
-    def take(sound: Any, count: int, event: Any) -> int:
+    def receive(sound: Any, count: int, new: Any) -> int:
         if sound and count > 0:
             samples.append(ctypes.string_at(sound, 2 * count))
-        place = 0
-        while event[place].type != 0:
-            found = event[place]
-            if found.type == _WORD:
-                events.append(["word", found.sample, found.text_position, found.length, ""])
-            elif found.type == _PHONE:
-                name = _bytes_of(found).decode("utf-8", "ignore")
-                events.append(["phone", found.sample, 0, 0, name])
-            place += 1
+        index = 0
+        while (event := new[index]).type != 0:
+            if event.type == _WORD:
+                events.append(["word", event.sample, event.text_position, event.length, ""])
+            elif event.type == _PHONE:
+                name = _read_identifier(event).decode("utf-8", "ignore")
+                events.append(["phone", event.sample, 0, 0, name])
+            index += 1
         return 0
 
-    callback = _Callback(take)
+    callback = _Callback(receive)
     rate = library.espeak_Initialize(_RETRIEVAL, 0, folder, _PHONE_EVENTS | _IPA)
     library.espeak_SetSynthCallback(callback)
     answer: dict[str, Any]
     if library.espeak_SetVoiceByName(request["voice"].encode()) != 0:
-        answer = {"error": "voice", "voices": _voices(library)}
+        answer = {"error": "voice", "voices": _list_voices(library)}
     else:
         library.espeak_SetParameter(_SPEED, int(request["speed"]), 0)
         text = request["text"].encode()

@@ -1,4 +1,4 @@
-"""From phones to face parameters by a control model: a whole utterance, or phone by phone."""
+"""Compute face parameters of phones with a control model, for an utterance or phone by phone."""
 
 from __future__ import annotations
 
@@ -9,7 +9,15 @@ from dataclasses import dataclass
 from mocap_fit import control
 from mocap_fit.control import ControlModel
 from mocap_fit.errors import DataError
-from mocap_fit.phones import PhoneSegment, PhoneSequence, PhoneSet, map_phones, normalise_phones
+from mocap_fit.phones import (
+    PhoneSegment,
+    PhoneSequence,
+    PhoneSet,
+    list_phone_sets,
+    load_phone_set,
+    map_phones,
+    normalise_phones,
+)
 from mocap_fit.tracks import FloatArray, ParameterTracks
 
 
@@ -20,9 +28,9 @@ class Frame:
     Parameters
     ----------
     time
-        Seconds on the clock of the phones.
+        Time on the clock of the phones, seconds.
     values
-        `(parameters,)`, in the order of the model.
+        Face parameters in the order of the model, ``(parameters,)``, 1 is the full gesture.
     """
 
     time: float
@@ -36,20 +44,20 @@ def synthesise(
     *,
     nearest: bool = False,
 ) -> ParameterTracks:
-    """Let a control model speak.
+    """Compute face parameters of phones with a control model.
 
     Parameters
     ----------
     phones
-        What is said, and when. Phones of another set of the same language are written in the
-        model's by their sound.
+        The phones of an utterance, in time. Phones of another set of the same language are mapped
+        to the model's by their sound.
     model
         A trained model, or its file.
     rate
-        Frames per second; those that the model was trained at where not given.
+        Frame rate, hertz; that of the model's training if None.
     nearest
         Whether phones of another language, and sounds that the model's set lacks, are replaced by
-        the nearest that it has; else they are an error.
+        the nearest that it has; otherwise they are an error.
 
     Returns
     -------
@@ -63,32 +71,44 @@ def synthesise(
     FileFormatError
         If the file holds no model.
 
+    See Also
+    --------
+    read_phones : Read the phones of an utterance.
+    control.create : Create a control model.
+    render_movie : Make a movie of the talking head.
+
     Examples
     --------
+    >>> import mocap_fit as mf
     >>> from mocap_fit.control.rule_based import RuleBased
-    >>> from mocap_fit.phones import PhoneSegment, PhoneSequence
-    >>> said = PhoneSequence((PhoneSegment(0, 0.1, "B"), PhoneSegment(0.1, 0.3, "AA", 1)))
-    >>> tracks = synthesise(said.replace(phone_set="en-arpabet"), RuleBased().prepare("en-arpabet"))
+    >>> phones = mf.read_phones(mf.load_sample("take_01.TextGrid"), phone_set="sv-sta")
+    >>> tracks = mf.synthesise(phones, RuleBased().prepare("sv-sta"))
     >>> tracks.frames, tracks.rate
-    (18, 60.0)
+    (185, 60.0)
     """
     chosen = model if isinstance(model, ControlModel) else control.load(model)
-    return chosen.predict(phones_for(phones, chosen, nearest=nearest), rate)
+    return chosen.predict(to_model_phones(phones, chosen, nearest=nearest), rate)
 
 
-def phones_for(
+def to_model_phones(
     phones: PhoneSequence, model: ControlModel, *, nearest: bool = False
 ) -> PhoneSequence:
-    """The phones as a model knows them.
+    """Convert phones to the phone set of a control model.
 
     Parameters
     ----------
     phones
-        Of the model's set in any of its spellings, or of another set that they name.
+        Phones of the model's set in any of its spellings, or of another set that they name.
     model
-        A trained one.
+        A trained model.
     nearest
-        As for `synthesise`.
+        Whether phones of another language, and sounds that the model's set lacks, are replaced by
+        the nearest that it has; otherwise they are an error.
+
+    Returns
+    -------
+    PhoneSequence
+        Phones of the model's set.
 
     Raises
     ------
@@ -97,23 +117,23 @@ def phones_for(
     """
     if not model.is_fitted:
         raise DataError(f"the model '{model.name}' is not trained", advice="Train or load it.")
-    own = model.phone_set_
-    if not phones.phone_set or phones.phone_set == own.name:
-        return normalise_phones(phones, own)
-    if not nearest and not _one_language(phones.phone_set, own):
+    target = model.phone_set_
+    if not phones.phone_set or phones.phone_set == target.name:
+        return normalise_phones(phones, target)
+    if not nearest and not _is_same_language(phones.phone_set, target):
         raise DataError(
             "the model was trained on another phone set",
             found=f"phones of '{phones.phone_set}'",
-            expected=f"'{own.name}', as in its corpus",
+            expected=f"'{target.name}', as in its corpus",
             advice="Take a model of that language, or ask for the nearest sounds (nearest).",
         )
-    return map_phones(phones, own, nearest=nearest)
+    return map_phones(phones, target, nearest=nearest)
 
 
 def stream_frames(
     segments: Iterable[PhoneSegment], model: ControlModel, rate: float | None = None
 ) -> Iterator[Frame]:
-    """Give frames as soon as the phones that they depend on are known.
+    """Yield frames as soon as the phones that they depend on are known.
 
     The frames are those that `synthesise` gives for the same phones: as many phones as the model
     looks ahead are read before the first.
@@ -121,11 +141,11 @@ def stream_frames(
     Parameters
     ----------
     segments
-        Phones of the model's set, in the order of time; waited for one by one.
+        Phones of the model's set, in the order of time; each is waited for.
     model
-        A trained one.
+        A trained model.
     rate
-        Frames per second; those that the model was trained at where not given.
+        Frame rate, hertz; that of the model's training if None.
 
     Yields
     ------
@@ -138,28 +158,23 @@ def stream_frames(
         If a phone is unknown or out of order, or the model is not trained.
     """
     stream = model.stream(rate)
-    given = 0
 
-    def framed(values: FloatArray) -> Iterator[Frame]:
-        nonlocal given
-        for row in values:
-            assert stream.start_time is not None
-            yield Frame(stream.start_time + given / stream.rate, row)
-            given += 1
+    def pull_frames() -> Iterator[FloatArray]:
+        for segment in segments:
+            single = PhoneSequence((segment,), phone_set=model.phone_set_.name)
+            stream.push(normalise_phones(single, model.phone_set_)[0])
+            yield from stream.pull()
+        if stream.start_time is not None:
+            yield from stream.finish()
 
-    for segment in segments:
-        alone = PhoneSequence((segment,), phone_set=model.phone_set_.name)
-        stream.push(normalise_phones(alone, model.phone_set_)[0])
-        yield from framed(stream.pull())
-    if stream.start_time is not None:
-        yield from framed(stream.finish())
+    for index, values in enumerate(pull_frames()):
+        assert stream.start_time is not None
+        yield Frame(stream.start_time + index / stream.rate, values)
 
 
-def _one_language(name: str, own: PhoneSet) -> bool:
-    """Whether a shipped phone set is of a language, or of all of them."""
-    from mocap_fit.phones import list_phone_sets, load_phone_set
-
+def _is_same_language(name: str, phone_set: PhoneSet) -> bool:
+    """Return whether a shipped phone set is of the same language as another, or of all."""
     if name not in list_phone_sets():
         return False
     language = load_phone_set(name).language
-    return not language or not own.language or language == own.language
+    return not language or not phone_set.language or language == phone_set.language

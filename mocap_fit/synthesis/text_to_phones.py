@@ -1,8 +1,8 @@
-"""From text to sound and phones in time, by espeak-ng.
+"""Speak texts with espeak-ng: their sound, and their phones in time.
 
 espeak-ng is a GPL program. It comes with the extra ``speech`` (espeakng-loader) and runs in a
-process of its own, which speaks a text and says when each phone began. Its phones, in IPA, are
-written in a phone set of ours.
+separate process, which speaks a text and reports when each phone began. Its phones, in IPA, are
+mapped to a phone set.
 """
 
 from __future__ import annotations
@@ -30,14 +30,16 @@ from mocap_fit.phones import (
     normalise_phones,
 )
 from mocap_fit.sound import Sound
+from mocap_fit.tracks import FloatArray
 
 # A pause shorter than this is the closure of the stop after it, or none at all.
 _SHORTEST_PAUSE = 0.09
-# The part of a sound that belongs to a phone which is merged into its end.
+# The share of a sound that belongs to a phone which is merged into its end.
 _MERGED = 0.35
-# Times are given to a hundredth of a millisecond, less than half a sample.
+# Times are rounded to a hundredth of a millisecond, less than half a sample.
 _DECIMALS = 5
 _STRESS = {"ˈ": 1, "ˌ": 2}
+# Words a minute.
 _SLOWEST, _FASTEST = 80, 450
 _PUNCTUATION = re.compile(r"^[^\w]+|[^\w]+$")
 
@@ -49,21 +51,21 @@ class Voice:
     Parameters
     ----------
     name
-        espeak-ng's name of it.
+        Name of the voice in espeak-ng.
     phone_set
-        What its phones are written in.
-    respelled
-        Sounds as the voice names them → the same in IPA as the phone set has it, with blanks
+        The phone set of its language.
+    replacements
+        Names of sounds in the voice and the same sounds in the IPA of the phone set, with blanks
         between several.
-    joined
-        Two sounds in a row in a word → the one, or the two (with a blank), that they are in this
+    pairs
+        Pairs of sounds in a word and the one, or the two (with a blank), that they are in this
         language.
     """
 
     name: str
     phone_set: str
-    respelled: Mapping[str, str] = field(default_factory=dict)
-    joined: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    replacements: Mapping[str, str] = field(default_factory=dict)
+    pairs: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
 
 LANGUAGES: dict[str, Voice] = {
@@ -92,7 +94,7 @@ LANGUAGES: dict[str, Voice] = {
         {("ɹ", "ɹ"): "ɹ"},
     ),
 }
-"""Languages with a phone set of their own. Any other name is a voice of espeak-ng, with IPA."""
+"""Languages with a phone set. Any other name is a voice of espeak-ng, with IPA."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,11 +104,11 @@ class SpokenText:
     Parameters
     ----------
     text
-        What was said.
+        The text.
     sound
-        One channel.
+        Its sound, one channel.
     phones
-        From 0 to the sound's end, silence included.
+        Its phones from 0 to the sound's end, silence included.
     """
 
     text: str
@@ -122,18 +124,18 @@ class TextSpeaker:
     language
         One of `LANGUAGES`, or the name of a voice of espeak-ng (``de``, ``en-gb``).
     phone_set
-        What the phones are written in; the language's where not given.
+        The phone set of the phones; that of the language if None.
     words_per_minute
-        How fast, from 80 to 450.
+        Speed, 80 to 450 words a minute.
     silence
-        Seconds of silence before and after.
+        Duration of the silence before and after, seconds.
 
     Raises
     ------
     MissingExtraError
         If espeakng-loader is not installed.
     ConfigurationError
-        If the speed is impossible.
+        If the speed or the silence is out of range.
     """
 
     def __init__(
@@ -177,70 +179,67 @@ class TextSpeaker:
         text
             One or more sentences.
         name
-            Of the utterance.
-        words_per_minute, silence
-            Where this text is spoken otherwise than the rest.
+            Name of the utterance.
+        words_per_minute
+            Speed, 80 to 450 words a minute; that of the speaker if None.
+        silence
+            Duration of the silence before and after, seconds; that of the speaker if None.
+
+        Returns
+        -------
+        SpokenText
+            Its sound and its phones.
 
         Raises
         ------
         ConfigurationError
             If espeak-ng has no such voice.
         DataError
-            If there is nothing to say in the text, or it has sounds that the phone set cannot
-            write.
+            If there is nothing to say in the text, or the phone set lacks sounds of it.
         """
         speed = self.words_per_minute if words_per_minute is None else words_per_minute
-        answer, samples = self._asked(text, round(speed))
+        answer, samples = self._run_espeak(text, round(speed))
         rate = float(answer["rate"])
         pad = np.zeros(round((self.silence if silence is None else silence) * rate))
         sound = Sound(np.concatenate([pad, samples, pad]), rate, name=name)
-        heard = _heard(answer["events"], len(samples), text)
         segments: list[PhoneSegment] = []
-
-        def put(start: int, end: int, phone: str, stress: int | None, word: str) -> None:
-            first = round((start + len(pad)) / rate, _DECIMALS)
-            last = round((end + len(pad)) / rate, _DECIMALS)
-            if first < last:
-                segments.append(PhoneSegment(first, last, phone, stress, word))
-
-        for start, end, sound_name, word in heard:
-            ipa = sound_name.lstrip("ˈˌ")
-            if not ipa:
-                put(start, end, "sil", None, "")
-                continue
-            parts = self._parts(ipa)
-            edges = np.linspace(start, end, len(parts) + 1).round().astype(int)
-            for part, first, last in zip(parts, edges, edges[1:], strict=False):
-                phone = self._ipa.parse(part)
-                vowel = phone is not None and self._ipa.get_phone(phone[0]).takes_stress
-                stress = _STRESS.get(sound_name[0], 0) if vowel else None
-                put(int(first), int(last), part, stress, word)
+        for start, end, spoken, word in _list_spoken(answer["events"], len(samples), text):
+            for first, last, phone, stress in self._split_spoken(start, end, spoken):
+                begin = round((first + len(pad)) / rate, _DECIMALS)
+                finish = round((last + len(pad)) / rate, _DECIMALS)
+                if begin < finish:
+                    segments.append(PhoneSegment(begin, finish, phone, stress, word))
         if not any(segment.word for segment in segments):
             raise DataError(
                 "there is nothing to say in the text",
                 found=repr(text),
                 advice="Give words in the language of the voice.",
             )
-        segments = self._joined(segments)
-        phones = self._written(PhoneSequence(tuple(segments), phone_set="ipa", name=name))
-        return SpokenText(text, sound, _whole(phones, self.phone_set.silence, sound.duration))
+        segments = self._merge_pairs(segments)
+        phones = PhoneSequence(tuple(segments), phone_set="ipa", name=name)
+        if self.phone_set.name == self._ipa.name:
+            phones = normalise_phones(phones, self.phone_set)
+        else:
+            phones = map_phones(phones, self.phone_set, nearest=True)
+        phones = _fill_silence(phones, self.phone_set.silence, sound.duration)
+        return SpokenText(text, sound, phones)
 
-    def _asked(self, text: str, speed: int) -> tuple[dict[str, Any], Any]:
-        """What espeak-ng answers, and its samples as part of full scale."""
+    def _run_espeak(self, text: str, speed: int) -> tuple[dict[str, Any], FloatArray]:
+        """Return the answer of espeak-ng, and its samples as part of full scale."""
         script = Path(__file__).with_name("espeak_process.py")
         request = {"voice": self.voice.name, "text": text.replace("\0", " "), "speed": speed}
-        done = subprocess.run(
+        process = subprocess.run(
             [sys.executable, str(script)],
             input=json.dumps(request).encode(),
             capture_output=True,
             check=False,
         )
-        line, _, raw = done.stdout.partition(b"\n")
-        if done.returncode or not line:
-            last = done.stderr.decode("utf-8", "replace").strip().rpartition("\n")[2]
+        line, _, raw = process.stdout.partition(b"\n")
+        if process.returncode or not line:
+            last = process.stderr.decode("utf-8", "replace").strip().rpartition("\n")[2]
             raise DataError(
                 "espeak-ng has ended without an answer",
-                found=last or f"status {done.returncode}",
+                found=last or f"status {process.returncode}",
                 advice="Check that espeakng-loader is complete: install it again.",
             )
         answer: dict[str, Any] = json.loads(line)
@@ -252,44 +251,56 @@ class TextSpeaker:
             )
         return answer, np.frombuffer(raw, dtype="<i2").astype(np.float64) / 32768.0
 
-    def _parts(self, ipa: str) -> list[str]:
-        """An event's sounds: one, or several where the voice says two phones in one."""
+    def _split_spoken(
+        self, start: int, end: int, spoken: str
+    ) -> list[tuple[int, int, str, int | None]]:
+        """Return start and end (samples), phone and stress of the phones of one event."""
+        ipa = spoken.lstrip("".join(_STRESS))
+        if not ipa:
+            return [(start, end, "sil", None)]
+        parts = self._split_ipa(ipa)
+        edges = np.linspace(start, end, len(parts) + 1).round().astype(int).tolist()
+        phones = []
+        for part, first, last in zip(parts, edges[:-1], edges[1:], strict=True):
+            phone = self._ipa.parse(part)
+            vowel = phone is not None and self._ipa.get_phone(phone[0]).takes_stress
+            phones.append((first, last, part, _STRESS.get(spoken[0], 0) if vowel else None))
+        return phones
+
+    def _split_ipa(self, ipa: str) -> list[str]:
+        """Return the phones of an event: one, or several where the voice names them as one."""
         parts: list[str] = []
-        ipa = self.voice.respelled.get(ipa, ipa)
+        ipa = self.voice.replacements.get(ipa, ipa)
         if len(ipa) > 1:
-            # A vowel with its r is said in one, and is two phones.
+            # A vowel with its r is one event, and two phones.
             ipa = ipa.replace("ɹ", " ɹ ")
         while ipa := ipa.strip():
             if " " in ipa:
                 first, _, ipa = ipa.partition(" ")
-                parts += self._parts(first)
+                parts += self._split_ipa(first)
                 continue
             known = (n for n in range(len(ipa), 0, -1) if self._ipa.parse(ipa[:n]) is not None)
             length = next(known, 1)
             parts.append(ipa[:length])
-            ipa = ipa[length:].lstrip("ˈˌ")
+            ipa = ipa[length:].lstrip("".join(_STRESS))
         return parts
 
-    def _joined(self, segments: list[PhoneSegment]) -> list[PhoneSegment]:
-        found: list[PhoneSegment] = []
+    def _merge_pairs(self, segments: list[PhoneSegment]) -> list[PhoneSegment]:
+        """Replace pairs of sounds in a word by what they are in the language of the voice."""
+        merged: list[PhoneSegment] = []
         for segment in segments:
-            before = found[-1] if found else segment
-            one = self.voice.joined.get((before.phone, segment.phone))
-            if one is not None and before.word == segment.word:
-                found.pop()
-                first, _, second = one.partition(" ")
+            before = merged[-1] if merged else segment
+            replacement = self.voice.pairs.get((before.phone, segment.phone))
+            if replacement is not None and before.word == segment.word:
+                merged.pop()
+                first, _, second = replacement.partition(" ")
                 if second:
-                    found.append(dataclasses.replace(before, phone=first))
+                    merged.append(dataclasses.replace(before, phone=first))
                     segment = dataclasses.replace(segment, phone=second)
                 else:
                     segment = dataclasses.replace(segment, start=before.start, phone=first)
-            found.append(segment)
-        return found
-
-    def _written(self, phones: PhoneSequence) -> PhoneSequence:
-        if self.phone_set.name == self._ipa.name:
-            return normalise_phones(phones, self.phone_set)
-        return map_phones(phones, self.phone_set, nearest=True)
+            merged.append(segment)
+        return merged
 
 
 def speak_text(
@@ -301,7 +312,7 @@ def speak_text(
     silence: float = 0.25,
     name: str = "",
 ) -> SpokenText:
-    """Speak a text: its sound, and its phones in time.
+    """Speak a text and return its sound and its phones in time.
 
     Parameters
     ----------
@@ -310,13 +321,18 @@ def speak_text(
     language
         One of `LANGUAGES`, or the name of a voice of espeak-ng.
     phone_set
-        What the phones are written in; the language's where not given, IPA for other voices.
+        The phone set of the phones; that of the language if None, IPA for other voices.
     words_per_minute
-        How fast, from 80 to 450.
+        Speed, 80 to 450 words a minute.
     silence
-        Seconds of silence before and after.
+        Duration of the silence before and after, seconds.
     name
-        Of the utterance.
+        Name of the utterance.
+
+    Returns
+    -------
+    SpokenText
+        Its sound and its phones.
 
     Raises
     ------
@@ -325,7 +341,7 @@ def speak_text(
     ConfigurationError
         If espeak-ng has no such voice, or cannot speak so fast.
     DataError
-        If there is nothing to say in the text, or it has sounds that the phone set cannot write.
+        If there is nothing to say in the text, or the phone set lacks sounds of it.
     """
     speaker = TextSpeaker(
         language, phone_set=phone_set, words_per_minute=words_per_minute, silence=silence
@@ -333,57 +349,58 @@ def speak_text(
     return speaker.speak(text, name=name)
 
 
-def _heard(events: list[list[Any]], samples: int, text: str) -> list[tuple[int, int, str, str]]:
-    """Start and end (samples), sound and word of each phone; pauses have no sound."""
-    words = _words([position - 1 for kind, _, position, *_ in events if kind == "word"], text)
+def _list_spoken(
+    events: list[list[Any]], samples: int, text: str
+) -> list[tuple[int, int, str, str]]:
+    """Return start and end (samples), sound and word of each event; pauses have no sound."""
+    words = _match_words([position - 1 for kind, _, position, *_ in events if kind == "word"], text)
     word = ""
     starts: list[tuple[int, str, str]] = []
     for kind, sample, _, _, name in events:
         if kind == "word":
             word = next(words)
         else:
-            starts.append((sample, name, word if name.lstrip("ˈˌ") else ""))
+            starts.append((sample, name, word if name.lstrip("".join(_STRESS)) else ""))
     ends = [start for start, _, _ in starts[1:]] + [samples]
-    heard: list[tuple[int, int, str, str]] = []
+    spoken: list[tuple[int, int, str, str]] = []
     for (start, name, word), end in zip(starts, ends, strict=True):
-        if start == end and name and heard and heard[-1][2]:
-            # An l after a vowel is part of the vowel's sound, and said to begin at its end.
-            first, _, vowel, its_word = heard[-1]
+        if start == end and name and spoken and spoken[-1][2]:
+            # An l after a vowel is part of the vowel's event, and is reported at its end.
+            first, _, vowel, its_word = spoken[-1]
             start = round(end - _MERGED * (end - first))
-            heard[-1] = first, start, vowel, its_word
-        heard.append((start, end, name, word))
-    return heard
+            spoken[-1] = first, start, vowel, its_word
+        spoken.append((start, end, name, word))
+    return spoken
 
 
-def _words(positions: list[int], text: str) -> Iterator[str]:
-    """What is written at each of the places where espeak-ng says that a word begins.
+def _match_words(positions: list[int], text: str) -> Iterator[str]:
+    """Yield what is written at each of the positions where espeak-ng reports a word.
 
-    It says small words together with their neighbours ("in the"), and counts a character wrong at
-    times: what is between one place and the next, from the beginning of a word, is one word here.
+    It speaks small words together with their neighbours ("in the"), and at times counts one
+    character too many or too few: from the beginning of a word to the next position is one word.
     """
-    written = [match.span() for match in re.finditer(r"\S+", text)]
-    begins = np.array([start for start, _ in written], dtype=np.int64)
-    ends = np.array([end for _, end in written], dtype=np.int64)
+    spans = [match.span() for match in re.finditer(r"\S+", text)]
+    begins = np.array([start for start, _ in spans], dtype=np.int64)
+    ends = np.array([end for _, end in spans], dtype=np.int64)
     first = [int(np.searchsorted(ends, position, side="right")) for position in positions]
-    first = [max(0, min(place, len(written) - 1)) for place in first]
-    for here, after in zip(first, [*first[1:], len(written)], strict=True):
-        last = max(here, after - 1)
+    first = [max(0, min(index, len(spans) - 1)) for index in first]
+    for index, following in zip(first, [*first[1:], len(spans)], strict=True):
+        last = max(index, following - 1)
         yield " ".join(
             bare
-            for word in text[begins[here] : ends[last]].split()
+            for word in text[begins[index] : ends[last]].split()
             if (bare := _PUNCTUATION.sub("", word))
         )
 
 
-def _whole(phones: PhoneSequence, silence: str, duration: float) -> PhoneSequence:
-    """From 0 to the end: pauses that are none joined to what follows, silence in one piece."""
+def _fill_silence(phones: PhoneSequence, silence: str, duration: float) -> PhoneSequence:
+    """Extend phones from 0 to the end; short pauses join the next phone, long ones each other."""
     segments: list[PhoneSegment] = []
     for segment in phones:
-        pause = segment.phone == silence
         if segments and segments[-1].phone == silence:
             before = segments[-1]
             short = len(segments) > 1 and segment.start - before.start < _SHORTEST_PAUSE
-            if pause or short:
+            if segment.phone == silence or short:
                 segments.pop()
                 segment = PhoneSegment(
                     before.start, segment.end, segment.phone, segment.stress, segment.word

@@ -7,7 +7,7 @@ from mocap_fit.control import create
 from mocap_fit.control.rule_based import RuleBased
 from mocap_fit.errors import DataError
 from mocap_fit.phones import PhoneSegment, PhoneSequence
-from mocap_fit.synthesis import phones_for, stream_frames, synthesise
+from mocap_fit.synthesis import to_model_phones, stream_frames, synthesise
 
 
 def said(symbols: str, phone_set: str = "en-arpabet", start: float = 0.3) -> PhoneSequence:
@@ -42,13 +42,13 @@ def test_a_model_file_will_do(english, tmp_path):
 
 
 def test_other_spellings_and_sets_of_the_same_language_are_taken(english):
-    spelled = phones_for(said("b aa1 b"), english)
+    spelled = to_model_phones(said("b aa1 b"), english)
     assert spelled.phones == ("B", "AA", "B")
     assert spelled[1].stress == 1
-    from_ipa = phones_for(said("b ɑ b", "ipa"), english)
+    from_ipa = to_model_phones(said("b ɑ b", "ipa"), english)
     assert from_ipa.phone_set == "en-arpabet"
     assert from_ipa.phones == ("B", "AA", "B")
-    assert phones_for(said("B AA B", ""), english).phone_set == "en-arpabet"
+    assert to_model_phones(said("B AA B", ""), english).phone_set == "en-arpabet"
 
 
 def test_a_model_of_another_language_is_refused_unless_the_nearest_will_do(english):
