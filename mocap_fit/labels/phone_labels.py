@@ -24,6 +24,7 @@ from mocap_fit.phones import (
     PhoneSegment,
     PhoneSequence,
     PhoneSet,
+    list_phone_sets,
     load_phone_set,
     normalise_phones,
 )
@@ -260,20 +261,23 @@ def to_labels(
     end
         End of the labels, seconds; that of the last phone where not given or earlier.
     phone_set
-        Set whose symbols, with their marks of stress, are written. Without it a stress is a digit
-        behind the phone (``AA1``).
+        Phone set of the phones, whose marks of stress are written. Where not given, it is the
+        shipped set that the phones name; without either, a stress is a digit behind the phone
+        (``AA1``).
 
     Returns
     -------
     Labels
         The labels, with the name of the utterance.
     """
+    if phone_set is None and phones.phone_set in list_phone_sets():
+        phone_set = load_phone_set(phones.phone_set)
     segments, words = [], []
     for segment in phones:
-        if phone_set is not None:
-            symbol = phone_set.get_symbol(segment)
-        else:
-            symbol = segment.phone + ("" if segment.stress is None else str(segment.stress))
+        symbol = segment.phone
+        if segment.stress is not None:
+            digit = f"{symbol}{segment.stress}"
+            symbol = digit if phone_set is None else phone_set.get_symbol(segment)
         segments.append(Label(segment.start, segment.end, symbol))
     for word, group in itertools.groupby(phones, key=lambda segment: segment.word):
         inside = list(group)

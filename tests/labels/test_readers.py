@@ -176,6 +176,8 @@ def test_stress_and_marks_of_a_set_are_written():
         (0.5, 1.0, "a"),
         (1.0, 1.5, ""),
     ]
+    named = to_labels(phones.replace(phone_set="sv-sta"))
+    assert [e.text for e in named.get_tier("phones").entries] == ["", "'A:", "P"]
     swedish = to_labels(phones, 2.0, load_phone_set("sv-sta"))
     assert [e.text for e in swedish.get_tier("phones").entries] == ["", "'A:", "P", ""]
     assert swedish.end == 2.0
