@@ -28,8 +28,9 @@ from mocap_fit.tracks import FloatArray
 
 #: The largest number of bins that a number is divided into.
 MAX_BINS = 32
-#: Held-out targets that are enough to find the alpha of all trees together. With 1,500 of them the
-#: error of new sentences is up to 1 % larger, with all of them it is the same and takes longer.
+#: Held-out targets that are enough to find the alpha of all trees together. On two corpora with
+#: four seeds each the error of new sentences is at most 0.4 % above that with all targets (with
+#: 1,500 up to 4 %, with 150 up to 9 %), and `fit` takes a quarter to half of the time.
 MAX_JUDGED = 15_000
 #: The largest number of examples that a tree of many phones is grown from.
 MAX_POOLED = 2_000
