@@ -112,7 +112,7 @@ def format_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str
     return f"<table>\n<thead>{head}</thead>\n<tbody>\n{body}\n</tbody>\n</table>"
 
 
-def embed_picture(path: Path, caption: str = "") -> str:
+def format_picture(path: Path, caption: str = "") -> str:
     """Return a picture or a movie with its content.
 
     Parameters

@@ -86,13 +86,6 @@ PREFIXES = ("is_", "has_", "to_", "from_", "as_")
 
 # Rooms whose words are still to be changed: none may be added.
 PENDING = (
-    "corpus_tools/batch",
-    "corpus_tools/cli",
-    "corpus_tools/conversion",
-    "corpus_tools/demo",
-    "corpus_tools/inspection",
-    "corpus_tools/talking",
-    "corpus_tools/training",
     "corpus_tools/validation",
 )
 

@@ -19,12 +19,18 @@ _PATIENCE = 8
 
 @dataclass(frozen=True, eq=False)
 class Done:
-    """In place of an item: its result, which needs no worker."""
+    """In place of an item: its result, which needs no worker.
+
+    Parameters
+    ----------
+    result
+        The result.
+    """
 
     result: Any
 
 
-def over_cluster(
+def run_on_cluster(
     work: Work, shared: Any, items: Iterable[Any], address: str, version: str
 ) -> Results:
     """Work over the workers of a dask cluster, which share neither memory nor disk with us.
@@ -100,7 +106,7 @@ def _submit(client: Any, work: Work, scattered: Any, item: Any) -> Any:
     with warnings.catch_warnings():
         # A recording is large, and dask warns that it should be on a disk.
         warnings.simplefilter("ignore", UserWarning)
-        return client.submit(_work_on_cluster, work, scattered, item, pure=False)
+        return client.submit(_run_item, work, scattered, item, pure=False)
 
 
 def _connect(distributed: Any, address: str) -> Any:
@@ -147,7 +153,7 @@ def _get_version() -> str:
 _one_at_a_time = threading.Lock()
 
 
-def _work_on_cluster(work: Work, shared: Any, item: Any) -> Any:
+def _run_item(work: Work, shared: Any, item: Any) -> Any:
     with _one_at_a_time:
         return work(shared, item, lambda done, of: None)
 

@@ -153,7 +153,7 @@ class Job(Protocol[ItemT]):
     def step(self) -> str:
         """Name of the last step in the provenance of every Parquet file that is written."""
 
-    def fingerprint(self, item: ItemT, sums: Mapping[str, str]) -> str:
+    def compute_fingerprint(self, item: ItemT, sums: Mapping[str, str]) -> str:
         """Return a sum over everything that the result of an item depends on.
 
         Parameters
@@ -209,7 +209,7 @@ class Job(Protocol[ItemT]):
         """
 
 
-def attempt(context: Context, work: Callable[[], Mapping[str, Any]]) -> ItemResult:
+def try_item(context: Context, work: Callable[[], Mapping[str, Any]]) -> ItemResult:
     """Do some work for an item; what its user can mend is in the result, and not raised.
 
     Parameters

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from corpus_tools.batch.cluster import Done, over_cluster
-from corpus_tools.batch.item import Context, Item, ItemResult, Job, attempt
+from corpus_tools.batch.cluster import Done, run_on_cluster
+from corpus_tools.batch.item import Context, Item, ItemResult, Job, try_item
 from corpus_tools.batch.progress import BatchProgress, Tracker
 from mocap_fit._version import __version__
 from mocap_fit.atomic_file import make_folder, write_atomically
@@ -89,7 +89,7 @@ def run_batch(
     _remove_partial(items, out)
     try:
         if cluster is not None:
-            stream = over_cluster(_process_sent, job, _pack(batch, items), cluster, __version__)
+            stream = run_on_cluster(_process_sent, job, _pack(batch, items), cluster, __version__)
         else:
             stream = run_locally(_process_here, batch, items, jobs, tracker.update)
         with contextlib.closing(stream):
@@ -126,18 +126,18 @@ def _process_here(batch: _Batch, item: Item, progress: Callable[[int, int], obje
     context = Context(item, item.folder, batch.out, progress)
     cached = None
 
-    def work() -> Mapping[str, Any]:
+    def process_item() -> Mapping[str, Any]:
         nonlocal cached
         with context.time("reading"):
             sums = {}
             for path in item.sources:
                 with open(item.folder / path, "rb") as stream:
                     sums[path] = hashlib.file_digest(stream, "sha256").hexdigest()
-            context.fingerprint = batch.job.fingerprint(item, sums)
+            context.fingerprint = batch.job.compute_fingerprint(item, sums)
             cached = _read_cached(batch, item, context.fingerprint)
         return batch.job.process(item, context) if cached is None else cached
 
-    result = attempt(context, work)
+    result = try_item(context, process_item)
     return replace(result, cached=cached is not None)
 
 
@@ -163,17 +163,17 @@ def _pack(batch: _Batch, items: Sequence[Item]) -> Iterator[_Parcel | Done]:
         context = Context(item, item.folder, batch.out, lambda done, of: None)
         parcel: _Parcel | None = None
 
-        def work(item: Item = item) -> Mapping[str, Any]:
+        def read_item(item: Item = item) -> Mapping[str, Any]:
             nonlocal parcel
             contents = {path: (item.folder / path).read_bytes() for path in item.sources}
             sums = {path: hashlib.sha256(data).hexdigest() for path, data in contents.items()}
-            fingerprint = batch.job.fingerprint(item, sums)
+            fingerprint = batch.job.compute_fingerprint(item, sums)
             cached = _read_cached(batch, item, fingerprint)
             if cached is None:
                 parcel = _Parcel(item, fingerprint, contents)
             return cached or {}
 
-        result = attempt(context, work)
+        result = try_item(context, read_item)
         yield parcel or Done(replace(result, cached=result.error is None))
 
 
@@ -190,7 +190,7 @@ def _process_sent(
         for target in item.targets:
             (out / target).parent.mkdir(parents=True, exist_ok=True)
         context = Context(item, folder, out, progress, parcel.fingerprint)
-        result = attempt(context, lambda: job.process(item, context))
+        result = try_item(context, lambda: job.process(item, context))
         files = {t: (out / t).read_bytes() for t in item.targets if (out / t).is_file()}
     return result if result.error else replace(result, files=files)
 
@@ -204,7 +204,7 @@ def _receive(item: Item, result: ItemResult | DeadProcess, out: Path) -> ItemRes
         return result
     context = Context(item, item.folder, out, lambda done, of: None, "", dict(result.seconds))
 
-    def work() -> Mapping[str, Any]:
+    def write_files() -> Mapping[str, Any]:
         with context.time("writing"):
             for target in item.targets:
                 if target in result.files:
@@ -212,5 +212,5 @@ def _receive(item: Item, result: ItemResult | DeadProcess, out: Path) -> ItemRes
                         partial.write_bytes(result.files[target])
         return result.figures
 
-    written = attempt(context, work)
+    written = try_item(context, write_files)
     return replace(written, warnings=(*result.warnings, *written.warnings))

@@ -30,7 +30,7 @@ from mocap_fit._version import __version__
 
 class _Commands(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
-        with console.command_boundary():
+        with console.pass_interrupts():
             return super().invoke(ctx)
 
 
@@ -79,7 +79,7 @@ def _print_version(wanted: bool) -> None:
 
 
 @app.callback()
-def _program(
+def _accept_options(
     version: Annotated[
         bool,
         typer.Option(
@@ -90,19 +90,5 @@ def _program(
     pass
 
 
-for _command in (
-    look_commands.demo,
-    look_commands.info,
-    corpus_commands.fit,
-    look_commands.validate,
-    corpus_commands.simulate,
-    corpus_commands.convert,
-    corpus_commands.align,
-    corpus_commands.select_sentences,
-    model_commands.train,
-    model_commands.evaluate,
-    speak_commands.speak,
-    speak_commands.stream,
-    speak_commands.export,
-):
-    app.command()(_command)
+for _commands in (look_commands, corpus_commands, model_commands, speak_commands):
+    _commands.register(app)

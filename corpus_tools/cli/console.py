@@ -46,7 +46,7 @@ class ReaderGoneError(Exception):
 
 
 @contextlib.contextmanager
-def command_boundary() -> Iterator[None]:
+def pass_interrupts() -> Iterator[None]:
     """Let Ctrl-C and a closed pipe pass through typer as exceptions that it does not know.
 
     Its answers to these two change from version to version.

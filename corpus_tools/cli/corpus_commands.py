@@ -13,7 +13,7 @@ from corpus_tools.cli.arguments import AsJson
 from corpus_tools.cli.console import Status
 
 
-def fit(
+def _fit(
     recordings: Annotated[
         list[Path],
         typer.Argument(
@@ -103,7 +103,7 @@ def _print_example(wanted: bool) -> None:
         raise typer.Exit
 
 
-def convert(
+def _convert(
     manifest: Annotated[
         Path,
         typer.Argument(
@@ -177,7 +177,7 @@ def convert(
     raise typer.Exit(Status.BAD_DATA if report.errors else Status.DONE)
 
 
-def align(
+def _align(
     sounds: Annotated[
         list[Path], typer.Argument(metavar="WAV", help="Sounds of speech.", readable=False)
     ],
@@ -207,7 +207,7 @@ def align(
 
     with display.show_progress() as show:
 
-        def progress(done: int, total: int, error: MocapFitError | None) -> None:
+        def show_sound(done: int, total: int, error: MocapFitError | None) -> None:
             if error is not None:
                 console.print_error(error)
             show("aligning", done, total)
@@ -219,7 +219,7 @@ def align(
             dictionary=dictionary,
             acoustic_model=acoustic_model,
             phone_set=phone_set,
-            progress=progress,
+            progress=show_sound,
         )
     if as_json:
         display.print_json(report.to_dict())
@@ -228,7 +228,7 @@ def align(
     raise typer.Exit(Status.BAD_DATA if report.errors else Status.DONE)
 
 
-def select_sentences(
+def _select_sentences(
     text: Annotated[
         Path,
         typer.Argument(
@@ -272,7 +272,7 @@ def select_sentences(
     corpus_printing.print_selection(report, as_json=as_json)
 
 
-def simulate(
+def _simulate(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="A new folder.", readable=False)],
     utterances: Annotated[int, typer.Option(min=1, help="How many sentences.")] = 287,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same files.")] = 0,
@@ -343,3 +343,18 @@ def simulate(
             spoken=spoken if duration is None else None,
             progress=progress,
         )
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to an application.
+
+    Parameters
+    ----------
+    app
+        The application.
+    """
+    app.command("simulate")(_simulate)
+    app.command("fit")(_fit)
+    app.command("convert")(_convert)
+    app.command("align")(_align)
+    app.command("select-sentences")(_select_sentences)

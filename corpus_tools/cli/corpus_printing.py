@@ -43,7 +43,7 @@ def show_fit_progress() -> Iterator[_Progress]:
     """
     with display.show_batch_progress("fitting recordings") as show:
 
-        def progress(state: BatchProgress) -> None:
+        def show_results(state: BatchProgress) -> None:
             for result in state.results:
                 for line in result.warnings:
                     console.say(f"warning: {result.name}: {line}")
@@ -52,7 +52,7 @@ def show_fit_progress() -> Iterator[_Progress]:
                     console.say(f"error: {result.error}")
             show(state)
 
-        yield progress
+        yield show_results
 
 
 @contextlib.contextmanager
@@ -66,12 +66,12 @@ def show_conversion_progress() -> Iterator[_Progress]:
     """
     with display.show_batch_progress("converting utterances") as show:
 
-        def progress(state: BatchProgress) -> None:
+        def show_results(state: BatchProgress) -> None:
             for result in state.results:
                 console.print_traceback(result.traceback)
             show(state)
 
-        yield progress
+        yield show_results
 
 
 def print_fit(report: FitReport) -> None:

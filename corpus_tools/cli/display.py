@@ -50,8 +50,11 @@ def create_screen() -> Console:
             # A table that is too wide runs over the edge; rich would cut it off.
             super().print(*objects, **{"crop": False, **options})
 
-        def on_broken_pipe(self) -> None:  # rich would end with the status of bad data
+        def _raise_reader_gone(self) -> None:
             raise console.ReaderGoneError
+
+        # The method of rich would end the program with the status of bad data.
+        on_broken_pipe = _raise_reader_gone
 
     return Screen(markup=False, emoji=False)
 
@@ -123,7 +126,7 @@ def show_progress() -> Iterator[TaskProgress]:
     said = -math.inf
     with _draw() as draw:
 
-        def progress(task: str, done: int, total: int | None) -> None:
+        def show(task: str, done: int, total: int | None) -> None:
             nonlocal said
             console.stop_if_interrupted()
             now = time.monotonic()
@@ -139,7 +142,7 @@ def show_progress() -> Iterator[TaskProgress]:
             more = f", {_format_seconds(left)} left" if left else ""
             draw(task, share, text, more, done == total)
 
-        yield progress
+        yield show
 
 
 @contextlib.contextmanager
@@ -158,12 +161,12 @@ def show_batch_progress(task: str) -> Iterator[Callable[[BatchProgress], None]]:
     """
     with _draw() as draw:
 
-        def progress(state: BatchProgress) -> None:
+        def show(state: BatchProgress) -> None:
             console.stop_if_interrupted()
             complete = state.finished == state.total
             draw(task, state.share, format_batch_progress(state), "", complete)
 
-        yield progress
+        yield show
 
 
 def format_batch_progress(state: BatchProgress) -> str:

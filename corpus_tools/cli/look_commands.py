@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from mocap_fit.errors import MocapFitError
 
 
-def demo(
+def _demo(
     out: Annotated[
         Path,
         typer.Option(
@@ -41,7 +41,7 @@ def demo(
         demo_printing.print_demo(report)
 
 
-def info(
+def _info(
     files: Annotated[
         list[Path],
         typer.Argument(
@@ -93,7 +93,7 @@ def info(
     raise typer.Exit(Status.BAD_DATA if report.errors else Status.DONE)
 
 
-def validate(
+def _validate(
     paths: Annotated[
         list[Path] | None,
         typer.Argument(
@@ -147,3 +147,16 @@ def validate(
     else:
         validation_printing.print_report(report)
     raise typer.Exit(Status.DONE if report.clean else Status.BAD_DATA)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to an application.
+
+    Parameters
+    ----------
+    app
+        The application.
+    """
+    app.command("demo")(_demo)
+    app.command("info")(_info)
+    app.command("validate")(_validate)

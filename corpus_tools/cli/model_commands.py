@@ -24,7 +24,7 @@ _Corpus = Annotated[
 _PAUSE = 5.0
 
 
-def train(
+def _train(
     corpus: _Corpus,
     out: Annotated[
         Path,
@@ -146,7 +146,7 @@ def _print_sweep(report: SweepReport) -> None:
     display.print_lines(f"Written: {report.files[0]}, {report.files[1].name}")
 
 
-def evaluate(
+def _evaluate(
     corpus: _Corpus,
     models: Annotated[
         list[Path], typer.Argument(metavar="MODEL", help="Trained models.", readable=False)
@@ -207,3 +207,15 @@ def _print_evaluation(report: EvaluationReport) -> None:
         table = display.create_table(*report.landmarks.to_rows())
         screen.print(LANDMARKS_EXPLAINED, "", table, "", sep="\n")
     display.print_lines("Written:", *(f"  {path}" for path in report.files))
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to an application.
+
+    Parameters
+    ----------
+    app
+        The application.
+    """
+    app.command("train")(_train)
+    app.command("evaluate")(_evaluate)

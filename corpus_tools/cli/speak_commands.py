@@ -26,7 +26,7 @@ _Language = Annotated[
 ]
 
 
-def speak(
+def _speak(
     text: Annotated[str | None, typer.Argument(metavar="TEXT", help="What is said.")] = None,
     out: Annotated[
         Path | None,
@@ -178,7 +178,7 @@ def speak(
         speak_printing.print_speech(report)
 
 
-def stream(
+def _stream(
     model: Annotated[
         str, typer.Option(metavar="FILE|NAME", help="A trained model, or a kind of model.")
     ],
@@ -203,7 +203,7 @@ def stream(
             print(json.dumps(frame), flush=True)
 
 
-def export(
+def _export(
     tracks: Annotated[
         Path, typer.Argument(metavar="TRACKS", help="Face parameters (Parquet).", readable=False)
     ],
@@ -226,3 +226,16 @@ def export(
         display.print_json(report.to_dict())
     else:
         speak_printing.print_export(report)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to an application.
+
+    Parameters
+    ----------
+    app
+        The application.
+    """
+    app.command("speak")(_speak)
+    app.command("stream")(_stream)
+    app.command("export")(_export)

@@ -109,7 +109,7 @@ class _FitJob:
     fingerprint_of_all: str
     step: str = "fit_recording"
 
-    def fingerprint(self, item: Item, sums: Mapping[str, str]) -> str:
+    def compute_fingerprint(self, item: Item, sums: Mapping[str, str]) -> str:
         (name,) = item.sources
         # The file's name is in the result too.
         parts = [self.fingerprint_of_all, name, sums[name]]

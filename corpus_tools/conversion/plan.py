@@ -99,7 +99,7 @@ class Settings:
     def __getstate__(self) -> dict[str, Any]:
         return {key: value for key, value in self.__dict__.items() if key != "phone_set"}
 
-    def fingerprint(self, item: UtteranceItem, sums: Mapping[str, str]) -> str:
+    def compute_fingerprint(self, item: UtteranceItem, sums: Mapping[str, str]) -> str:
         """Return a sum over everything that the files of an utterance depend on.
 
         Parameters

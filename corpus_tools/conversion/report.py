@@ -67,7 +67,7 @@ class ConversionReport:
 
     @property
     def messages(self) -> list[str]:
-        """Warnings and errors, one line each; see `format_messages`."""
+        """Warnings and errors, one line each; every bad utterance is named once."""
         return format_messages(self.results, self.unlisted)
 
     def to_dict(self) -> dict[str, Any]:

@@ -123,10 +123,10 @@ def select_sentences(
     text
         UTF-8. With a dictionary, one sentence a line; else each line is the sentence, a tab, and
         its phones with spaces between them.
-    count
-        How many sentences to take.
     out
         Folder of the files; created where it does not exist.
+    count
+        Number of sentences.
     dictionary
         A word and its phones a line, as CMUdict has it; of several pronunciations the first is
         taken. Sentences with a word that it lacks are left out.

@@ -47,7 +47,7 @@ class ConversionJob:
     settings: Settings
     step: str = STEP
 
-    def fingerprint(self, item: UtteranceItem, sums: Mapping[str, str]) -> str:
+    def compute_fingerprint(self, item: UtteranceItem, sums: Mapping[str, str]) -> str:
         """Return a sum over everything that the files of an utterance depend on.
 
         Parameters
@@ -62,7 +62,7 @@ class ConversionJob:
         str
             The sum, as hexadecimal digits.
         """
-        return self.settings.fingerprint(item, sums)
+        return self.settings.compute_fingerprint(item, sums)
 
     def is_complete(self, item: UtteranceItem, out: Path, figures: Mapping[str, Any]) -> bool:
         """Whether the sound of an earlier conversion is there unchanged.

@@ -20,7 +20,7 @@ from corpus_tools.demonstration.fitting import (
     to_parameter_table,
 )
 from corpus_tools.demonstration.talking import EPOCHS, MOVIE, SENTENCES, TalkPart, run_talk
-from corpus_tools.html_page import embed_picture, format_heading, format_paragraph, format_table
+from corpus_tools.html_page import format_heading, format_paragraph, format_picture, format_table
 from corpus_tools.json_file import write_json
 from corpus_tools.simulation import Conditions
 from corpus_tools.tasks import TaskProgress
@@ -216,7 +216,7 @@ def _format_sections(report: DemoReport) -> list[str]:
     same, other = fits.errors["same_head"], fits.errors["other_head"]
     parts = []
     if talk.movie is not None:
-        parts.append(embed_picture(talk.movie, f"“{talk.text}”: {', '.join(talk.heads)}."))
+        parts.append(format_picture(talk.movie, f"“{talk.text}”: {', '.join(talk.heads)}."))
     counts = {split: len(talk.corpus.get_split(split)) for split in talk.corpus.splits}
     table = to_parameter_table(same["squares"], same["distances"], other["distances"])
     parts += [
@@ -229,7 +229,7 @@ def _format_sections(report: DemoReport) -> list[str]:
         format_table(*table),
         format_paragraph(EXPLAINED),
         format_table(*to_head_table(same["distances"], other["distances"])),
-        *(embed_picture(path) for path in fits.pictures),
+        *(format_picture(path) for path in fits.pictures),
         format_heading("Control models"),
         format_paragraph(
             f"Trained on {counts.get('train', 0)} sentences and scored on "

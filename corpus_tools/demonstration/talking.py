@@ -137,7 +137,7 @@ def run_talk(
         )
     movie = out / MOVIE if can_film else None
     if movie is not None:
-        _film(movie, heads, shown, progress)
+        _render(movie, heads, shown, progress)
     report = {
         "sentences": sentences,
         "utterances": {split: len(corpus.get_split(split)) for split in corpus.splits},
@@ -170,7 +170,7 @@ def _choose_models(result: Evaluation, models: dict[str, ControlModel]) -> tuple
     return best, rules
 
 
-def _film(
+def _render(
     path: Path,
     heads: dict[str, ParameterTracks],
     shown: Utterance,

@@ -50,7 +50,7 @@ class Source:
     tier
         Tier of the phones in the label file.
     words_per_minute
-        Speed of the text, words per minute.
+        Speed of the text, words a minute.
     """
 
     text: str | None = None

@@ -59,7 +59,7 @@ class EvaluationReport:
         """
         content = self.scores.to_dict()
         if self.landmarks is not None:
-            content["landmarks"] = _landmarks_to_dict(self.landmarks)
+            content["landmarks"] = _to_landmark_dict(self.landmarks)
         return {**content, "files": list(self.files)}
 
     def __repr__(self) -> str:
@@ -346,12 +346,12 @@ def format_sections(result: Evaluation, out: Path, pictures: Sequence[str]) -> l
         ]
     parts.append(html_page.format_heading("Figures"))
     parts += [
-        html_page.embed_picture(out / f"{name}.png", captions.get(name, "")) for name in pictures
+        html_page.format_picture(out / f"{name}.png", captions.get(name, "")) for name in pictures
     ]
     return parts
 
 
-def _landmarks_to_dict(scores: LandmarkScores) -> dict[str, Any]:
+def _to_landmark_dict(scores: LandmarkScores) -> dict[str, Any]:
     return {
         "frames": scores.frames,
         "models": {

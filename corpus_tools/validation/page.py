@@ -8,10 +8,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from corpus_tools.html_page import (
-    embed_picture,
     format_heading,
     format_page,
     format_paragraph,
+    format_picture,
     format_table,
 )
 from corpus_tools.validation.findings import Finding, Severity
@@ -63,14 +63,14 @@ def _parts(report: Report, folder: Path) -> Iterator[str]:
         for number, finding in enumerate(f for f in members if f.evidence is not None):
             target = folder / f"{finding.severity.value}_{finding.code}_{number}.svg"
             save_figure(target, evidence_picture, finding)
-            yield embed_picture(target, f"{finding.code}, {finding.place}: {finding.found}")
+            yield format_picture(target, f"{finding.code}, {finding.place}: {finding.found}")
     figures = list(overview(report))
     if figures:
         yield format_heading("What is usual")
     for number, (caption, draw) in enumerate(figures):
         target = folder / f"overview_{number}.svg"
         save_figure(target, draw)
-        yield embed_picture(target, caption)
+        yield format_picture(target, caption)
     yield format_heading("Thresholds")
     yield format_paragraph(
         "A file with some of these lines, given with `--thresholds`, changes what counts as wrong."

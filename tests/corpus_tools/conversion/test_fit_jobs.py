@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import mocap_fit
-from corpus_tools.batch.cluster import over_cluster
+from corpus_tools.batch.cluster import run_on_cluster
 from corpus_tools.cli import app as cli
 from corpus_tools.cli import console
 from mocap_fit.errors import ConfigurationError, MissingExtraError
@@ -339,7 +339,7 @@ class TestCluster:
     def test_without_dask_the_extra_is_named(self, folder, tmp_path, capsys, monkeypatch):
         monkeypatch.setitem(sys.modules, "distributed", None)
         with pytest.raises(MissingExtraError, match=r"mocap-fit\[dask\]"):
-            next(over_cluster(square, 0, [1], "tcp://127.0.0.1:1", "1"))
+            next(run_on_cluster(square, 0, [1], "tcp://127.0.0.1:1", "1"))
         assert fit(folder, tmp_path / "out", "--dask", "tcp://127.0.0.1:1") == 1
         assert "pip install 'mocap-fit[dask]'" in capsys.readouterr().err
         assert sums(tmp_path / "out") == {}
@@ -395,9 +395,9 @@ class TestCluster:
             assert sums(there) == undisturbed
             version = "99.0"
             with pytest.raises(ConfigurationError, match="do not have this version"):
-                next(over_cluster(square, 0, [1], cluster.scheduler_address, version))
+                next(run_on_cluster(square, 0, [1], cluster.scheduler_address, version))
             results = dict(
-                over_cluster(
+                run_on_cluster(
                     square, 10, range(20), cluster.scheduler_address, mocap_fit.__version__
                 )
             )
