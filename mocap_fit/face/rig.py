@@ -115,17 +115,14 @@ class Rig(Protocol):
     @property
     def mesh(self) -> Mesh:
         """The mesh at rest."""
-        ...
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """The names of the parameters, in order."""
-        ...
 
     @property
     def bounds(self) -> FloatArray:
         """Lower and upper bounds, ``(parameters, 2)``; 0 is rest, 1 the full gesture."""
-        ...
 
     def deform(self, parameters: ArrayLike) -> FloatArray:
         """Move the vertices.
@@ -140,7 +137,6 @@ class Rig(Protocol):
         ndarray
             Positions, ``(vertices, 3)``, millimetres.
         """
-        ...
 
     def jacobian(self, parameters: ArrayLike) -> FloatArray:
         """Compute the derivative of the vertices by the parameters.
@@ -155,7 +151,6 @@ class Rig(Protocol):
         ndarray
             ``(vertices, 3, parameters)``, millimetres a full gesture.
         """
-        ...
 
     def compile(self, vertex_ids: IndexArray) -> CompiledRig | None:
         """Return the rig as plain arrays for some vertices.
@@ -170,7 +165,6 @@ class Rig(Protocol):
         CompiledRig or None
             None where the rig cannot be written as ordered operations.
         """
-        ...
 
 
 def check_parameters(values: ArrayLike, names: tuple[str, ...]) -> FloatArray:
