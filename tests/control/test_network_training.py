@@ -1,6 +1,7 @@
 """Recurrent networks: what they learn, when they stop, and how they go on after a stop."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,12 +15,14 @@ from mocap_fit.control.networks.examples import (
     Scale,
     build_batch,
     load_examples,
+    sample_targets,
     split_into_batches,
 )
-from mocap_fit.control.networks.features import PhoneInputs
+from mocap_fit.control.networks.features import INNER_RATE, PhoneInputs, count_lead
 from mocap_fit.control.networks.frames import FrameNetworks, RunningNetworks
 from mocap_fit.control.networks.recurrent import draw_weights
 from mocap_fit.control.networks.stack import Network, Stack
+from mocap_fit.control.networks.training import Plan, Training
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
 from mocap_fit.phones import load_phone_set
@@ -403,3 +406,178 @@ def test_a_sweep_of_what_is_not_there_is_refused(small_corpus):
 def test_examples_are_those_with_values(small_corpus):
     assert len(load_examples(small_corpus, 3, 2)) == len(small_corpus)
     assert corpus_of(SENTENCES[:1]).parameter_names == NAMES
+
+
+# -- the optimiser -----------------------------------------------------------------------------
+
+
+def plan_of(**changes):
+    settings = {
+        "max_iter": 4, "patience": 9, "batch_size": 2, "learning_rate": 0.01,
+        "averaging": 0.9, "detrend": 0.0, "random_state": 1,
+    }  # fmt: skip
+    return Plan(**{**settings, **changes})
+
+
+def test_the_learning_rate_falls_along_a_half_cosine_to_a_hundredth():
+    plan = plan_of(max_iter=10, learning_rate=0.2)
+    assert plan.compute_rate(1) == pytest.approx(0.2)
+    assert plan.compute_rate(6) == pytest.approx(0.2 * (0.01 + 0.99 / 2))
+    assert plan.compute_rate(11) == pytest.approx(0.002)
+    rates = [plan.compute_rate(epoch) for epoch in range(1, 11)]
+    assert rates == sorted(rates, reverse=True)
+    angles = np.pi * np.arange(10) / 10
+    np.testing.assert_allclose(rates, 0.2 * (0.01 + 0.99 * np.cos(angles / 2) ** 2))
+
+
+def stack_of(rng, networks=2):
+    names = [Network(f"n{i}", (i,), 3) for i in range(networks)]
+    return Stack.from_networks(names, 4, 2, networks, seed=1)
+
+
+def test_steps_are_those_of_adam_with_clipping_and_a_running_average(rng):
+    # Kingma and Ba 2015, algorithm 1, in double precision.
+    stack = stack_of(rng)
+    weights = [np.array(a, dtype=np.float64) for a in stack.weights]
+    first, second = ([np.zeros_like(w) for w in weights] for _ in range(2))
+    average = [w.copy() for w in weights]
+    for step in range(1, 31):
+        scale = 3.0 if step % 3 else 0.01
+        gradient = stack.weights.map(
+            lambda a, scale=scale: (scale * rng.normal(size=a.shape)).astype(np.float32)
+        )
+        norms = np.sqrt(sum(np.sum(np.square(g), axis=(1, 2)) for g in gradient))
+        clip = np.minimum(1.0, 1.0 / norms).reshape(-1, 1, 1)
+        stack.step(gradient, rate=0.02, averaging=0.9)
+        share = max(0.1, 1.0 / step)
+        for i, slope in enumerate(gradient):
+            slope = slope * clip
+            first[i] = 0.9 * first[i] + 0.1 * slope
+            second[i] = 0.999 * second[i] + 0.001 * slope**2
+            unbiased = first[i] / (1 - 0.9**step), second[i] / (1 - 0.999**step)
+            weights[i] = weights[i] - 0.02 * unbiased[0] / (np.sqrt(unbiased[1]) + 1e-8)
+            average[i] += share * (weights[i] - average[i])
+    assert stack.steps == 30
+    for found, wanted in ((stack.weights, weights), (stack.average, average)):
+        for one, other in zip(found, wanted, strict=True):
+            np.testing.assert_allclose(one, other, atol=2e-4)
+
+
+def test_gradients_of_almost_nothing_do_almost_nothing(rng):
+    # Epsilon is 1e-8: a gradient of that size makes half a step.
+    stack = stack_of(rng)
+    before = stack.weights.map(np.copy)
+    unbiased = np.sqrt(1 - 0.999) / (1 - 0.9)
+    stack.step(stack.weights.map(lambda a: np.full_like(a, 1e-8)), rate=1.0, averaging=0.0)
+    moments = 0.1 * 1e-8, np.sqrt(0.001) * 1e-8
+    wanted = unbiased * moments[0] / (moments[1] + 1e-8)
+    for one, other in zip(before, stack.weights, strict=True):
+        np.testing.assert_allclose(one - other, wanted, rtol=1e-3)
+
+
+def test_the_best_average_is_stored_and_patience_counts_epochs(rng):
+    stack = stack_of(rng)
+    stack.average = stack.average.map(lambda a: np.full_like(a, 1.0))
+    stack.judge([0.5, 0.7])
+    stack.average = stack.average.map(lambda a: np.full_like(a, 2.0))
+    stack.judge([0.6, 0.4])
+    assert stack.least == [0.5, 0.4]
+    assert stack.since == [1, 0]
+    for array in stack.best:
+        assert (array[0] == 1.0).all()
+        assert (array[1] == 2.0).all()
+    # An error that is equal, or none, is not better.
+    stack.judge([0.5, float("nan")])
+    assert stack.since == [2, 1]
+    stack.stop(3)
+    assert stack.active == [0, 1]
+    stack.stop(2)
+    assert stack.active == [1]
+    assert all(len(array) == 1 for array in stack.weights)
+    stack.average = stack.average.map(lambda a: np.full_like(a, 3.0))
+    stack.judge([0.3])
+    assert stack.least == [0.5, 0.3]
+    assert all((array[1] == 3.0).all() and (array[0] == 1.0).all() for array in stack.best)
+
+
+def test_weights_are_drawn_as_large_as_their_number_asks():
+    weights = draw_weights(400, 50, 60, 4, np.random.default_rng(0), networks=3)
+    assert weights.inputs.shape == (3, 400, 50)
+    assert weights.delayed.shape == (3, 200, 50)
+    assert weights.outputs.shape == (3, 50, 60)
+    for array, deviation in (
+        (weights.inputs, 400**-0.5), (weights.delayed, 0.7 * 200**-0.5), (weights.outputs, 50**-0.5),
+    ):  # fmt: skip
+        assert array.std() == pytest.approx(deviation, rel=0.05)
+        assert abs(array.mean()) < 0.05 * deviation
+    assert not weights.hidden_bias.any()
+    assert not weights.output_bias.any()
+
+
+def training_of(corpus, validation, plan, networks):
+    data, held_out = (
+        () if part is None else load_examples(part, 1, 1) for part in (corpus, validation)
+    )
+    return Training(networks, plan, 2, data, held_out, Scale.from_examples(data))
+
+
+NETWORKS = [Network("a", (0, 2), 3), Network("b", (1,), 3), Network("c", tuple(range(3, 10)), 2)]
+
+
+def test_the_rate_of_an_epoch_is_that_of_the_plan(small_corpus):
+    # One step an epoch; the moments of Adam make it as long as the rate where gradients stay alike.
+    plan = plan_of(max_iter=4, batch_size=99, learning_rate=1e-3, averaging=0.0)
+    training = training_of(small_corpus, None, plan, NETWORKS)
+    points = [training.stacks[0].weights.map(np.copy)]
+
+    def log(entry):
+        if entry.part == "a" and entry.iteration:
+            points.append(training.stacks[0].weights.map(np.copy))
+
+    training.run(log)
+    moved = [
+        np.median(np.abs(after.output_bias - before.output_bias)[0])
+        for before, after in pairwise(points)
+    ]
+    assert len(moved) == 4
+    assert moved[0] == pytest.approx(plan.compute_rate(1), rel=1e-3)
+    for epoch in (2, 3, 4):
+        assert moved[epoch - 1] / moved[0] == pytest.approx(
+            plan.compute_rate(epoch) / plan.compute_rate(1), abs=0.2
+        )
+    assert moved[3] < 0.3 * moved[0]
+
+
+def test_errors_of_the_log_are_in_the_unit_of_the_corpus(small_corpus, small_validation):
+    plan = plan_of(max_iter=0)
+    training = training_of(small_corpus, small_validation, plan, NETWORKS)
+    entries = []
+    training.run(entries.append)
+    assert [(entry.iteration, entry.part) for entry in entries] == [(0, "a"), (0, "b"), (0, "c")]
+    weights = training.get_weights()
+    running = FrameNetworks(NETWORKS, weights, 10, 1, 1)
+    for part, name in ((small_corpus, "training_error"), (small_validation, "validation_error")):
+        squares = []
+        for utterance in part:
+            inputs = PhoneInputs(part.phone_set, True, utterance.read_phones())
+            networks = RunningNetworks(running, inputs)
+            targets = sample_targets(
+                utterance.read_tracks(), inputs.start_time - count_lead(1) / INNER_RATE
+            )
+            values = [networks.at((i - count_lead(1)) / INNER_RATE) for i in range(len(targets))]
+            squares.append((np.array(values) - targets) ** 2)
+        squares = np.concatenate(squares)
+        for entry, network in zip(entries, NETWORKS, strict=True):
+            wanted = np.sqrt(np.nanmean(squares[:, list(network.columns)]))
+            assert getattr(entry, name) == pytest.approx(wanted, rel=1e-4)
+
+
+def test_without_a_validation_part_the_training_error_decides(small_corpus):
+    plan = plan_of(max_iter=6, learning_rate=0.5, patience=2, averaging=0.0)
+    training = training_of(small_corpus, None, plan, NETWORKS)
+    entries = []
+    training.run(entries.append)
+    assert all(entry.validation_error is None for entry in entries)
+    # Of one parameter, so that it does not matter that others are weighted by their deviation.
+    errors = [entry.training_error for entry in entries if entry.part == "b"]
+    assert len(errors) - 1 == min(int(np.argmin(errors)) + 2, 6)
