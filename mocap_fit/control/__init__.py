@@ -5,10 +5,8 @@ from mocap_fit.control.base import (
     ControlModel,
     LogEntry,
     Progress,
-    create,
-    load,
-    names,
 )
+from mocap_fit.control.loading import create, load, names
 from mocap_fit.control.streaming import Stream
 
 __all__ = [

@@ -84,8 +84,12 @@ class Mean(ControlModel):
 class PhoneMean(SymbolModel):
     """The mean of every phone at the centre of its segments, and straight lines in between.
 
-    Its settings are ``phone_set``, the phone set that it is created for (empty for any), and
-    ``stress``, whether phones of different stress are different phones.
+    Parameters
+    ----------
+    phone_set
+        The phone set that it is created for; empty for any.
+    stress
+        Whether phones of different stress are different phones.
     """
 
     name: ClassVar[str] = "phone-mean"
@@ -113,11 +117,12 @@ class PhoneMean(SymbolModel):
 class Ridge(SymbolModel):
     """A ridge regression on the phones at every frame of a context.
 
-    Further settings are ``phone_set``, the phone set that it is created for (empty for any), and
-    ``stress``, whether phones of different stress are different phones.
-
     Parameters
     ----------
+    phone_set
+        The phone set that it is created for; empty for any.
+    stress
+        Whether phones of different stress are different phones.
     context
         Number of frames to each side, at the rate of the corpus.
     l2

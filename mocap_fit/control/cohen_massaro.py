@@ -44,8 +44,23 @@ class CohenMassaro(ParameterwiseModel):
     parameter is trained on its own, by Levenberg-Marquardt (the paper used Gauss-Newton), from
     the targets that fit best with the dominances of the start.
 
-    Its settings are those of `ParameterwiseModel`. The penalty ``l2`` acts on targets in their unit
-    and on the logarithms of the other four times the standard deviation of the parameter.
+    Parameters
+    ----------
+    phone_set
+        The phone set that it is created for; empty for any.
+    stress
+        Whether phones of different stress are different phones, as in the paper.
+    max_iter
+        Largest number of iterations for each articulatory parameter.
+    tol
+        Training ends when an iteration reduces the error by less than this share of it.
+    patience
+        Training ends after so many iterations without a smaller error on the validation part.
+    l2
+        Strength of the L2 penalty on the distance of the free parameters from their start, in
+        frames: on targets in their unit, and on the logarithms of the other four times the
+        standard deviation of the parameter. It decides about phones that are seldom spoken. 0 is
+        the paper's error.
     """
 
     name: ClassVar[str] = "cohen-massaro"

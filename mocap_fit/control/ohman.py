@@ -44,16 +44,23 @@ class Ohman(ParameterwiseModel):
     vowel the track is the mean of the targets of all vowels that the corpus has, and without any
     the mean of the data.
 
-    The parameters of one articulatory parameter are found together, by Levenberg-Marquardt. Further
-    settings are those of `ParameterwiseModel`; its penalty acts on targets in their unit and on
-    factors times the standard deviation of the parameter.
+    The parameters of one articulatory parameter are found together, by Levenberg-Marquardt.
 
     Parameters
     ----------
+    phone_set
+        Name of the phone set of its corpora; empty for any.
+    stress
+        Whether a phone with and without stress has parameters of each, as in the paper.
+    max_iter
+        Largest number of steps for an articulatory parameter.
     tol
-        Training ends when an iteration reduces the error by less than this share of it.
+        Share of the error; training ends when a step reduces it by less.
+    patience
+        Steps without a smaller error on the validation part after which training ends.
     l2
-        Strength of the L2 penalty on the distance from the start, in frames.
+        Strength of the L2 penalty on the distance from the start, in frames: on targets in their
+        unit, and on factors times the standard deviation of the parameter.
     hold
         Largest distance of a peak from both ends of its segment, seconds; None for peaks at the
         centres alone.

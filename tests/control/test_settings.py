@@ -92,8 +92,8 @@ def test_every_setting_of_every_model_is_checked(name):
 
 
 def test_a_word_for_a_number_is_a_wrong_setting():
-    with pytest.raises(ConfigurationError, match=r"'folds' of the control model 'cart'.*'abc'"):
-        control.create("cart", folds="abc")
+    with pytest.raises(ConfigurationError, match=r"'cv' of the control model 'cart'.*'abc'"):
+        control.create("cart", cv="abc")
 
 
 def test_a_model_that_is_constructed_with_a_wrong_setting_is_refused_by_fit():

@@ -1,4 +1,4 @@
-"""The networks frame by frame: one step an inner frame, for live use and for whole utterances."""
+"""The networks frame by frame: one step an inner frame, live and for complete utterances."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mocap_fit.tracks import FloatArray
 
 # A time that is this close to an inner frame, in frames, is on it.
 _ON_FRAME = 1e-6
-# Hidden units are kept in a row that is written on, and moved back to its beginning now and then.
+# Hidden units are stored in a row that grows; at this length it moves back to its beginning.
 _ROW = 64
 
 

@@ -152,6 +152,16 @@ def test_a_setting_that_is_none_is_a_wrong_call(corpus_folder, tmp_path, capsys,
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_setting_of_another_type_is_a_wrong_call(corpus_folder, tmp_path, capsys):
+    call = ["train", str(corpus_folder), "--model", "cart", "--out", str(tmp_path / "m")]
+    assert cli.main([*call, "--set", "cv=abc"]) == 2
+    error = capsys.readouterr().err
+    assert "'cv'" in error
+    assert "'abc'" in error
+    assert "bug" not in error
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_sweep_tells_the_error_of_every_look_ahead(corpus_folder, tmp_path, capsys):
     out = tmp_path / "sweep"
     call = ["train", str(corpus_folder), "--sweep-look-ahead", "--out", str(out), "--json"]
