@@ -6,9 +6,8 @@ the tests hold the two together.
 
 Derivatives come from reverse-mode differentiation: `forward` computes the virtual markers, and
 `adjoint` multiplies by the transposed Jacobian, through eq. 2 and the rig's operations in reverse
-order. Applied to the derivative of the cost by the virtual markers, that gives the gradient;
-applied to a unit vector along x, y or z, the same for all markers at once, it gives a row of each
-marker's Jacobian.
+order. The derivative of the cost by the virtual markers gives the gradient; a unit vector along
+x, y or z, the same for all markers at once, gives a row of each marker's Jacobian.
 
 Vectorisation (SIMD): inner loops run over the markers of a block, whose coordinates lie a constant
 distance apart, so that the compiler sees that they do not overlap and computes several markers
@@ -482,18 +481,8 @@ def evaluate_frames(
     products = np.empty((frames, parameters, blocks * SLOT))
     workspace = np.zeros(packed.workspace_size)
     values = np.ascontiguousarray(values)
-    evaluate(
-        packed.plan,
-        packed.numbers,
-        workspace,
-        values,
-        np.zeros(0),
-        JACOBIANS,
-        0.0,
-        rows,
-        products,
-        np.zeros(0),
-    )
+    plan, numbers, nothing = packed.plan, packed.numbers, np.zeros(0)
+    evaluate(plan, numbers, workspace, values, nothing, JACOBIANS, 0.0, rows, products, nothing)
     positions = rows.reshape(frames, blocks, 3, WIDTH).transpose(0, 1, 3, 2)
     jacobians = products.reshape(frames, parameters, blocks, 3, WIDTH).transpose(0, 2, 4, 3, 1)
     return (

@@ -17,7 +17,7 @@ from mocap_fit.fitting.orientation import Orientation, move_by_pose
 
 @pytest.mark.parametrize(("size", "fits"), [(4.9, True), (5.1, False), (0.21, True), (0.19, False)])
 def test_a_face_of_a_fifth_to_five_times_the_size(layout, face, session, size, fits):
-    reference = session.reference(np.random.default_rng(0))
+    reference = session.record_reference(np.random.default_rng(0))
     smaller = reference.replace(positions=reference.positions / size)
     if fits:
         assert fit_orientation(face, layout, smaller).scale == pytest.approx(size, rel=0.02)
@@ -29,7 +29,7 @@ def test_a_face_of_a_fifth_to_five_times_the_size(layout, face, session, size, f
 
 def test_markers_are_laid_above_the_skin_by_their_offset(layout, face, session):
     """The face is larger by about the offset's share of the distances between the points."""
-    reference = session.reference(np.random.default_rng(0))
+    reference = session.record_reference(np.random.default_rng(0))
     plain, higher = (
         fit_orientation(face, layout.model_copy(update={"marker_offset": offset}), reference)
         for offset in (0.0, 5.0)

@@ -20,7 +20,7 @@ pytest.importorskip("numba")
 def speech(layout, face):
     """A speaker and two seconds of speech in head coordinates, without gaps."""
     session = Session(layout, face, Conditions(noise=0.1, duration=2.0, drop_outs=0.0))
-    speaker = fit_speaker(face, layout, session.reference(np.random.default_rng(2)))
+    speaker = fit_speaker(face, layout, session.record_reference(np.random.default_rng(2)))
     recording = session.record(np.random.default_rng(1)).recording
     return speaker, speaker.remove_head_motion(recording)[0]
 

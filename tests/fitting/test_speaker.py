@@ -23,7 +23,7 @@ def noisy(layout, face):
     """A noisy recording of the head's wearer, with drop-outs, and the truth."""
     session = Session(layout, face, Conditions(noise=0.1, duration=20.0))
     first, second = np.random.default_rng(3).spawn(2)
-    return session.reference(first), session.record(second, "noisy")
+    return session.record_reference(first), session.record(second, "noisy")
 
 
 @pytest.fixture(scope="module")
