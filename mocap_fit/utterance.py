@@ -5,13 +5,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self, TypeVar
-
-import numpy as np
 
 from mocap_fit.errors import DataError, FileFormatError
 from mocap_fit.phones import PhoneSequence, read_stored_phones
@@ -201,8 +198,8 @@ class Utterance:
             return False
         if self.folder is not None and self.folder == other.folder:
             return True
-        return _is_equal(self.read_phones(), other.read_phones()) and _is_equal(
-            self.read_tracks(), other.read_tracks()
+        return self.read_phones() == other.read_phones() and self.read_tracks().equals(
+            other.read_tracks()
         )
 
     def __hash__(self) -> int:
@@ -211,19 +208,6 @@ class Utterance:
     def __repr__(self) -> str:
         text = self.text if len(self.text) <= 40 else self.text[:39] + "…"
         return f"Utterance({self.id!r}, split={self.split!r}, {self.duration:.2f} s, {text!r})"
-
-
-def _is_equal(one: Any, other: Any) -> bool:
-    """Return whether two dataclasses have the same fields; NaN equals NaN."""
-    pairs = (
-        (getattr(one, each.name), getattr(other, each.name)) for each in dataclasses.fields(one)
-    )
-    return all(
-        np.array_equal(a, b, equal_nan=True)
-        if isinstance(a, np.ndarray) and isinstance(b, np.ndarray)
-        else type(a) is type(b) and a == b
-        for a, b in pairs
-    )
 
 
 def write_utterances(utterances: Iterable[Utterance], folder: Path) -> None:

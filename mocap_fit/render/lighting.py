@@ -59,7 +59,7 @@ class Lighting:
         self._sum_around = _build_triangle_sums(mesh.triangles, len(mesh.vertices))
         self._albedo, self._specular, self._power = _read_materials(mesh)
         self._wrapped = np.flatnonzero(_find_skin(mesh))
-        self._mouth = _Mouth(mesh)
+        self._mouth = _MouthInterior(mesh)
         self._chin = mesh.feature_points.get("2.1")
         self._below = np.zeros(0, dtype=np.int64)
         if self._chin is not None:
@@ -144,7 +144,7 @@ class Lighting:
         return shine
 
 
-class _Mouth:
+class _MouthInterior:
     """The light that reaches what is behind the lips."""
 
     def __init__(self, mesh: Mesh) -> None:

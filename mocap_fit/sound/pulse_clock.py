@@ -152,7 +152,7 @@ def fit_line(numbers: NDArray[np.int64], positions: ArrayLike) -> Clock | None:
         line = Clock(float(begins.mean() - slope * centre), slope)
         off = np.abs(begins - line.at(numbers))
         near = off <= max(1.0, 3 * float(np.median(off)))
-        if near.all() or near.sum() < 3:
+        if near.all():
             break
         numbers, begins = numbers[near], begins[near]
     return line

@@ -45,7 +45,7 @@ _PUNCTUATION = re.compile(r"^[^\w]+|[^\w]+$")
 
 
 @dataclass(frozen=True)
-class Voice:
+class EspeakVoice:
     """A voice of espeak-ng, and the phone set for it.
 
     Parameters
@@ -68,8 +68,8 @@ class Voice:
     pairs: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
 
-LANGUAGES: dict[str, Voice] = {
-    "sv": Voice(
+LANGUAGES: dict[str, EspeakVoice] = {
+    "sv": EspeakVoice(
         "sv",
         "sv-sta",
         {"sx": "ɧ", "ʃ": "ɧ", "y": "ʏ", "œ": "ø"},
@@ -86,8 +86,8 @@ LANGUAGES: dict[str, Voice] = {
             ("r", "l"): "ɭ",
         },
     ),
-    "cs": Voice("cs", "cs-sampa", {"dʑ": "d͡z"}),
-    "en": Voice(
+    "cs": EspeakVoice("cs", "cs-sampa", {"dʑ": "d͡z"}),
+    "en": EspeakVoice(
         "en-us",
         "en-arpabet",
         {"ɾ": "d", "ᵻ": "ɪ", "ɐ": "ə", "ʔ": "t", "ɜː": "ɝ", "iə": "i ə", "aɪə": "aɪ ə"},
@@ -157,7 +157,7 @@ class TextSpeaker:
                 found=f"{words_per_minute} words a minute, silence of {silence} s",
                 expected=f"{_SLOWEST} to {_FASTEST} words a minute, silence of 0 s or more",
             )
-        self.voice = LANGUAGES.get(language, Voice(language, "ipa"))
+        self.voice = LANGUAGES.get(language, EspeakVoice(language, "ipa"))
         chosen = self.voice.phone_set if phone_set is None else phone_set
         self.phone_set = chosen if isinstance(chosen, PhoneSet) else load_phone_set(chosen)
         self._ipa = load_phone_set("ipa")

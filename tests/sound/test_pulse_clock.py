@@ -90,11 +90,6 @@ class TestLine:
     def test_one_number_has_no_line(self):
         assert fit_line(np.array([4, 4, 4]), [1.0, 2.0, 3.0]) is None
 
-    def test_three_pulses_are_not_thinned_to_two(self):
-        line = fit_line(np.array([0, 1, 2]), [0.0, 10.0, 29.0])
-        slope, start = np.polyfit([0, 1, 2], [0.0, 10.0, 29.0], 1)
-        assert (line.period, line.start) == (pytest.approx(slope), pytest.approx(start))
-
 
 class TestFollowing:
     def test_from_a_chunk_to_both_ends(self):
@@ -107,11 +102,31 @@ class TestFollowing:
         assert clock.period == pytest.approx(slope, abs=1e-9)
         assert (clock.start - start) / slope == pytest.approx(40, abs=1e-6)
 
-    def test_pulses_at_both_ends_of_the_sound_count(self):
+    @pytest.mark.parametrize("chunk", [(1000, 2000), (7200, 8200)])
+    def test_one_end_is_reached_before_the_other(self, chunk):
+        begins = np.rint(37 + 100.1 * np.arange(90)).astype(int)
+        slope, _ = np.polyfit(np.arange(90), begins, 1)
+        start = begins[np.searchsorted(begins, chunk[0])]
+        grid = Grid(float(start), 100.1, 6, 1, *chunk)
+        clock = follow_pulses(channel_with(begins, 6, 9200), grid)
+        assert clock.period == pytest.approx(slope, abs=1e-9)
+
+    @pytest.mark.parametrize("width", [1, 3])
+    def test_pulses_at_both_ends_of_the_sound_count(self, width):
         begins = np.array([0, 51, 100, 149, 200])
-        clock = follow_pulses(channel_with(begins, 3, 203), Grid(0.0, 50.0, 3, 1, 0, 203))
+        length = 200 + width
+        grid = Grid(0.0, 50.0, width, 1, 0, length)
+        clock = follow_pulses(channel_with(begins, width, length), grid)
         slope, start = np.polyfit(np.arange(5), begins, 1)
         assert (clock.period, clock.start) == (pytest.approx(slope), pytest.approx(start))
+
+    @pytest.mark.parametrize(("width", "shift", "reach"), [(1, 2, 2), (1, 3, 2), (12, 6, 6)])
+    def test_how_far_a_pulse_may_be_from_the_first_estimate(self, width, shift, reach):
+        """Two samples, or half of a pulse's width."""
+        begins = np.arange(50, 4000, 50)
+        channel = channel_with(begins + shift, width, 4000)
+        clock = follow_pulses(channel, Grid(50.0, 50.0, width, 1, 0, 4000))
+        assert clock.start % 50 == pytest.approx(shift if shift <= reach else 0, abs=1e-6)
 
     def test_noise_alone_takes_the_clock_nowhere(self, rng):
         clock = follow_pulses(rng.normal(size=4000), Grid(10.0, 50.0, 8, 1, 0, 4000))
