@@ -451,3 +451,35 @@ def test_free_parameters_go_to_their_bounds_and_no_farther():
     for columns, lower, upper in (([1], -12, 12), ([2, 3], -8, 6), ([4], -1.6, 1.4)):
         assert free[:, columns].min() == pytest.approx(lower)
         assert free[:, columns].max() == pytest.approx(upper)
+
+
+@forms()
+def test_a_dominance_below_a_share_of_the_largest_counts_as_none(form):
+    # Two segments at the same distance, so that their dominances differ by alpha alone.
+    frames = Frames.from_segments(np.array([0, 1]), np.array([0.0, 2.0]), np.array([1.0]))
+    for lower, counts in ((-19.9, True), (-20.1, False)):
+        free = np.tile([0.0, *START], (2, 1))
+        free[:, 0] = [0.0, 1.0]
+        free[1, 1] = lower
+        value = form.compute_trajectory(free, frames)[0]
+        wanted = math.exp(lower) / (1 + math.exp(lower)) if counts else 0.0
+        assert value == pytest.approx(wanted, rel=1e-9, abs=0.0)
+
+
+def test_a_hundred_segments_on_either_side_count():
+    centres = np.arange(300.0)
+    frames = Frames.from_segments(np.arange(300) % 7, centres, np.array([0.0, 150.5, 299.5]))
+    assert frames.logarithms.shape == (3, 200)
+    np.testing.assert_array_equal(frames.first, [0, 51, 200])
+    np.testing.assert_array_equal(frames.before, [1, 100, 100])
+    assert np.isfinite(frames.logarithms).sum(axis=1).tolist() == [101, 200, 100]
+    np.testing.assert_allclose(frames.logarithms[1, 99], math.log(0.5))
+    np.testing.assert_array_equal(frames.phones[frames.segments[1, :5]], np.arange(51, 56) % 7)
+
+
+def test_a_long_prediction_is_that_of_its_chunks(trained, new_phones):
+    model = trained("cohen-massaro")
+    times = np.linspace(new_phones[0].start, new_phones[-1].end, 9001)
+    values = model.predict_at(new_phones, times)
+    parts = [model.predict_at(new_phones, part) for part in np.array_split(times, 7)]
+    np.testing.assert_allclose(values, np.concatenate(parts), atol=1e-12)

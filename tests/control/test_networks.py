@@ -402,3 +402,41 @@ def test_without_stress_stress_does_not_matter():
         model = control.create("ann", stress=stress, **SMALL).fit(corpus)
         found = [model.predict(each).values for each in (phones, stressed)]
         assert (np.abs(found[0] - found[1]).max() > 1e-9) == stress
+
+
+def test_the_first_frame_sees_silence_alone_and_the_next_the_first_phone():
+    phones = spoken("M 'A: S", 4, start=3.0)
+    chosen = load_phone_set("sv-sta")
+    for ahead in (0, 2, 15):
+        inputs = compute_utterance_inputs(phones, chosen, 60, behind=4, ahead=ahead)
+        seen = slice_windows(inputs, 4 + 1 + ahead)
+        assert not seen[0].any()
+        np.testing.assert_array_equal(seen[1][-18:], compute_phone_inputs(chosen, phones[0]))
+        assert not seen[1][:-18].any()
+
+
+def test_after_a_second_without_phones_in_sight_nothing_moves(low_latency):
+    phones = spoken("sil M 'A:", 4)
+    last = phones[-1].end - phones[0].start + (28 + 60) / INNER_RATE
+    times = phones[0].start + last + np.array([-1.0 / INNER_RATE, 0.0, 1.0, 50.0])
+    values = low_latency.predict_at(phones, times)
+    np.testing.assert_array_equal(values[1], values[2])
+    np.testing.assert_array_equal(values[1], values[3])
+
+
+@given(offset=st.floats(-3e-9, 3e-9))
+@settings(max_examples=20, deadline=None)
+def test_a_boundary_within_rounding_is_reached(offset):
+    segments = [PhoneSegment(0.0, 0.5, "M"), PhoneSegment(0.5, 1.0, "S")]
+    inputs = PhoneInputs(load_phone_set("sv-sta"), phones=segments)
+    assert inputs.index(0.5 + offset) == 2
+    assert inputs.indices(np.array([0.5 + offset])).tolist() == [2]
+    assert inputs.index(0.5 - 1e-6) == 1
+    assert inputs.index(1.0 + offset) == 0
+    assert inputs.end == 1.0
+    inputs.forget_before(0.5)
+    assert inputs.index(0.4) == 1
+    inputs.forget_before(0.6)
+    assert inputs.index(0.4) == 0
+    inputs.forget_before(9.0)
+    assert inputs.index(0.7) == 2

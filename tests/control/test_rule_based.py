@@ -238,3 +238,61 @@ def test_a_wrong_table_is_refused_with_its_place(tmp_path, text, told):
 def test_a_table_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such table"):
         RuleBased(rules=str(tmp_path / "none.toml")).prepare("sv-sta")
+
+
+def test_smoothing_is_a_raised_cosine_as_wide_as_the_window(tmp_path):
+    # A step of two targets that are reached: the integral of (1 + cos(pi x)) / 2.
+    file = tmp_path / "own.toml"
+    file.write_text(
+        'columns = ["x"]\nwindow = 0.05\nhold = 1.0\n[phones]\n"a" = [0.0]\n"s" = [1.0]\n',
+        encoding="utf-8",
+    )
+    model = RuleBased(rules=str(file)).prepare("sv-sta", ("x",))
+    phones = said(["A", "S"], "sv-sta", 0.4)
+    border = phones[1].start
+    x = np.linspace(-1.3, 1.3, 27)
+    inside = np.clip(x, -1.0, 1.0)
+    wanted = 0.5 * (inside + 1.0) + np.sin(np.pi * inside) / (2 * np.pi)
+    values = model.predict_at(phones, border + 0.05 * x)[:, 0]
+    np.testing.assert_allclose(values, wanted, atol=0.065)
+    assert values[0] == pytest.approx(0.0, abs=1e-12)
+    assert values[-1] == pytest.approx(1.0)
+    # Its points are 1/8 apart, and its shares those of the cosine there.
+    points = np.arange(-7, 8) / 8
+    shares = (1 + np.cos(np.pi * points)) / 16
+    for at in (-0.5, 0.3):
+        share = shares[at + points > 0].sum()
+        found = model.predict_at(phones, np.array([border + 0.05 * at]))[0, 0]
+        assert found == pytest.approx(share, abs=1e-9)
+
+
+def test_a_target_is_held_for_its_share_of_the_phone_with_lines_between(tmp_path):
+    file = tmp_path / "own.toml"
+    file.write_text(
+        'columns = ["x"]\nwindow = 0.001\nhold = 0.5\n[phones]\n"a" = [0.0]\n"s" = [1.0]\n',
+        encoding="utf-8",
+    )
+    model = RuleBased(rules=str(file)).prepare("sv-sta", ("x",))
+    phones = said(["A", "S", "A"], "sv-sta", 0.4)
+    start = phones[1].start
+    # Held from 0.1 to 0.3 s of a phone; straight from 0.3 s of the one before.
+    times = start + np.array([-0.15, -0.1, 0.0, 0.05, 0.1, 0.2, 0.3, 0.35, 0.4, 0.5])
+    wanted = [0, 0, 0.5, 0.75, 1, 1, 1, 0.75, 0.5, 0]
+    np.testing.assert_allclose(model.predict_at(phones, times)[:, 0], wanted, atol=3e-3)
+
+
+def test_vowels_without_stress_move_less_by_the_share_of_the_table(tmp_path):
+    file = tmp_path / "own.toml"
+    file.write_text(
+        'columns = ["x"]\nwindow = 0.001\nhold = 1.0\nunstressed = 0.6\n[phones]\n"a" = [2.0]\n',
+        encoding="utf-8",
+    )
+    for stress, level, wanted in (
+        (True, 0, 1.2),
+        (True, 1, 2.0),
+        (True, None, 2.0),
+        (False, 0, 2.0),
+    ):
+        model = RuleBased(rules=str(file), stress=stress).prepare("sv-sta", ("x",))
+        phones = PhoneSequence((PhoneSegment(0.0, 0.4, "A", level),), phone_set="sv-sta", name="u")
+        assert model.predict_at(phones, np.array([0.2]))[0, 0] == pytest.approx(wanted)
