@@ -8,8 +8,10 @@ from hypothesis import strategies as st
 
 from mocap_fit.errors import DataError
 from mocap_fit.phones import (
+    Phone,
     PhoneSegment,
     PhoneSequence,
+    PhoneSet,
     find_unknown_phones,
     load_phone_set,
     map_phones,
@@ -148,6 +150,32 @@ def test_the_set_that_phones_are_from_must_be_known():
     with pytest.raises(DataError, match="the phone set of 'u1' is not known"):
         map_phones(sequence("a"), "cs-ipa")
     assert map_phones(sequence("a"), "cs-ipa", source="cs-sampa").phones == ("a",)
+
+
+def test_a_sound_of_its_own_wins_over_one_that_a_symbol_also_stands_for():
+    silence = Phone("sil", "silence")
+    wide = Phone("A", "vowel", {"open": 1}, ipa=("a", "e", "i"))
+    target = PhoneSet("target", (silence, wide, Phone("E", "vowel", ipa=("e",))))
+    source = PhoneSet("source", (silence, *(Phone(s, "vowel", ipa=(s,)) for s in "aeiou")))
+    before = sequence("a", "e", "i", phone_set="source")
+    assert map_phones(before, target, source=source).phones == ("A", "E", "A")
+    # "o" is like neither; its features are those of E.
+    near = map_phones(sequence("o"), target, source=source, nearest=True)
+    assert near.phones == ("E",)
+    assert near.phone_set == "target"
+
+
+def test_segments_that_are_joined_keep_the_first_stress_and_no_energy():
+    labels = (
+        PhoneSegment(0.0, 0.1, "bcl", energy_db=-30.0, word="bee"),
+        PhoneSegment(0.1, 0.2, "b", 2, energy_db=-20.0, word="bee"),
+        PhoneSegment(0.3, 0.4, "bcl", energy_db=-10.0),
+    )
+    read = normalise_phones(PhoneSequence(labels), "en-arpabet")
+    assert read.segments == (
+        PhoneSegment(0.0, 0.2, "B", 2, "bee"),
+        PhoneSegment(0.3, 0.4, "B", energy_db=-10.0),
+    )
 
 
 def test_all_unknown_symbols_are_listed_at_once_with_their_places():
