@@ -274,8 +274,8 @@ def estimate_rigid_transforms(
     seen = ~(_is_missing(points) | _is_missing(goals))
     weight = np.where(seen, weight, 0.0)
     usable = (weight > 0).sum(axis=1) >= 3
-    total = np.where(usable, weight.sum(axis=1), 1.0)
-    weight = np.where(usable[:, None], weight, 0.0) / total[:, None]
+    total = weight.sum(axis=1)
+    weight = weight / np.where(total > 0, total, 1.0)[:, None]
     filled = np.where(_is_missing(points)[:, None], 0.0, points)
     goals = np.where(seen[:, :, None], goals, 0.0)
 

@@ -131,7 +131,6 @@ def _compute_limit(freedom: int, noise_freedom: float, tests: int) -> float:
     """Return the largest sum of squares, per variance of the noise, that chance explains."""
     from scipy.special import fdtri
 
-    noise_freedom = max(1.0, min(noise_freedom, 1e6))
     return float(freedom * fdtri(freedom, noise_freedom, 1.0 - _FALSE_ALARM / tests))
 
 

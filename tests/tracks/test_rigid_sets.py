@@ -1,11 +1,14 @@
 import numpy as np
 import pytest
-from scipy.spatial.distance import pdist
+from scipy import stats
+from scipy.spatial.distance import pdist, squareform
 from scipy.spatial.transform import Rotation
 
 from mocap_fit.errors import DataError
 from mocap_fit.tracks import MarkerTracks
+from mocap_fit.tracks.rigid import apply_transforms, estimate_rigid_transforms
 from mocap_fit.tracks.rigid_sets import (
+    _measure_distance_changes,
     compute_mean_shape,
     compute_median,
     compute_typical_shape,
@@ -95,6 +98,31 @@ def test_wide_sets_come_before_narrow_ones_that_are_as_rigid(rng):
     narrow = np.array([[0.0, 0, 80], [4, 0, 80], [0, 4, 80]])
     tracks = recording(rng, still=np.concatenate([SHAPE[:3], narrow]))
     assert set(find_reference_markers(tracks, 3)) == {"h0", "h1", "h2"}
+
+
+def test_a_triple_that_is_more_rigid_than_the_head_is_not_grown_from(rng):
+    """Three markers on a jaw keep their distances best, but no fourth does with them."""
+    tracks = recording(rng, noise=0.3)
+    positions = tracks.positions.copy()
+    jaw = [tracks.index(f"f{k}") for k in range(3)]
+    chin = np.array([[-20.0, -60, 50], [20, -60, 50], [0, -60, 20]])
+    turns, shifts = estimate_rigid_transforms(
+        SHAPE, tracks.select([f"h{k}" for k in range(5)]).positions
+    )[:2]
+    opening = 5 * rng.normal(size=(tracks.frames, 1, 3))
+    positions[:, jaw] = apply_transforms(chin + opening, turns, shifts)
+    tracks = tracks.replace(positions=positions)
+    assert set(find_reference_markers(tracks, 3)) == {"f0", "f1", "f2"}
+    assert set(find_reference_markers(tracks, 4)) < {f"h{k}" for k in range(5)}
+
+
+def test_changes_of_distances_are_between_their_quantiles(rng):
+    positions = recording(rng, frames=100).positions
+    distances = np.array([pdist(frame) for frame in positions])
+    low, high = np.quantile(distances, (0.05, 0.95), axis=0)
+    # Gaussian noise has 90 % within 3.29 standard deviations.
+    expected = squareform((high - low) / (2 * stats.norm.ppf(0.95)))
+    np.testing.assert_allclose(_measure_distance_changes(positions), expected, rtol=1e-3)
 
 
 def test_markers_that_are_seldom_seen_are_not_considered(rng):

@@ -191,3 +191,54 @@ def test_pose_information_is_that_of_small_motions(rng):
 def test_rows_are_sampled_at_powers_of_two(count, limit, stride):
     rows = np.arange(count)
     np.testing.assert_array_equal(sample_evenly(rows, limit), rows[::stride])
+
+
+def slipped(rng, frames, total=600, part=3.0):
+    """Without noise the limit is that of noise of a thousandth of a millimetre."""
+    turns, _, target = moving(rng, frames=total, noise=0.0)
+    size = optimize.brentq(lambda s: gain(3, s) - part * CHANCE * 1e-3**2, 0, 50)
+    target[frames, 3] += size * turns.apply(SLIP)[frames]
+    return target
+
+
+@pytest.mark.parametrize("part", [1.98, 2.02])
+def test_noise_is_never_taken_to_be_less_than_what_files_hold(rng, part):
+    # Six degrees of freedom in each of 600 frames, which are left without the worst point.
+    part *= 3 * stats.f.ppf(1 - 1e-4 / 5, 3, 3600) / CHANCE
+    fit = estimate_robust_transforms(SHAPE, slipped(rng, slice(200, 500), part=part))
+    assert fit.rejected[200:500, 3].all() == (part > 2.0)
+    assert fit.rejected.sum() == (300 if part > 2.0 else 0)
+
+
+def test_a_point_is_bad_that_is_so_in_most_of_twelve_frames_on_either_side(rng):
+    fit = estimate_robust_transforms(SHAPE, slipped(rng, slice(200, 212)))
+    assert not fit.rejected.any()
+    fit = estimate_robust_transforms(SHAPE, slipped(rng, slice(200, 213)))
+    assert np.argwhere(fit.rejected).tolist() == [[frame, 3] for frame in range(200, 213)]
+    # Nor is the point good in a few frames in which it seems to be.
+    target = slipped(rng, slice(None))
+    target[300:305] = moving(np.random.default_rng(1), frames=5, noise=0.0)[2]
+    assert estimate_robust_transforms(SHAPE, target).rejected[:, 3].all()
+
+
+def test_a_bad_point_stays_bad_for_a_while_where_nothing_can_be_known(rng):
+    """With three points in view none can be judged; frames farther away than 256 do not count."""
+    target = slipped(rng, slice(None))
+    target[100:, [2, 4]] = np.nan
+    rejected = estimate_robust_transforms(SHAPE, target).rejected[:, 3]
+    assert rejected[:356].all()
+    assert not rejected[356:].any()
+    target[450:] = slipped(rng, slice(None))[450:]
+    rejected = estimate_robust_transforms(SHAPE, target).rejected[:, 3]
+    assert rejected.all()
+
+
+def test_one_point_of_a_frame_that_is_noisy_all_over_is_left_out_if_it_makes_most_of_it(rng):
+    _, _, target = moving(rng)
+    target[500:540] += 1.0 * rng.normal(size=(40, 5, 3))
+    calm = estimate_robust_transforms(SHAPE, target)
+    assert calm.rejected[500:540].mean() < 0.1
+    target[500:540, 0] += 15 * SLIP
+    fit = estimate_robust_transforms(SHAPE, target)
+    assert fit.rejected[500:540, 0].mean() > 0.9
+    assert fit.rejected[500:540, 1:].mean() < 0.05
