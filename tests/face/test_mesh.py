@@ -20,6 +20,8 @@ def test_a_mesh_without_parts_is_all_skin() -> None:
     mesh = Mesh(SQUARE, TRIANGLES)
     assert [part.name for part in mesh.parts] == ["skin"]
     assert mesh.get_region("skin").tolist() == [0, 1, 2, 3]
+    # Matt skin colour, for meshes that state no material.
+    assert mesh.parts[0].material == Material((0.8, 0.7, 0.6), 0.1, 10.0)
 
 
 def test_regions_are_sorted_and_parts_count_as_regions() -> None:
