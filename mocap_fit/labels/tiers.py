@@ -178,10 +178,10 @@ def _compute_phone_share(tier: Tier, phone_set: PhoneSet | None) -> float:
     if not texts:
         return 0.0
     if phone_set is None:
-        are = [len(text) <= _LONGEST_SYMBOL and " " not in text for text in texts]
+        matches = [len(text) <= _LONGEST_SYMBOL and " " not in text for text in texts]
     else:
-        are = [phone_set.parse(text) is not None for text in texts]
-    return sum(are) / len(are)
+        matches = [phone_set.parse(text) is not None for text in texts]
+    return sum(matches) / len(matches)
 
 
 def find_word_tier(labels: Labels) -> Tier | None:

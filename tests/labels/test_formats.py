@@ -378,3 +378,50 @@ def test_numbers_read_back_exactly(value):
     text = format_number(value)
     assert float(text) == value
     assert set(text) <= set(string.digits + ".-")
+
+
+def test_a_textgrid_is_written_as_praat_writes_it(tmp_path):
+    words = Tier("words", (Label(0, 0.5, 'a "b"'), Label(0.5, 1, "")))
+    tones = Tier("tones", (Label(0.25, 0.25, "H"),), "point")
+    write_labels(Labels((words, tones), 0.0, 1.0), tmp_path / "a.TextGrid")
+    assert (tmp_path / "a.TextGrid").read_text(encoding="utf-8") == (
+        'File type = "ooTextFile"\n'
+        'Object class = "TextGrid"\n'
+        "\n"
+        "xmin = 0 \n"
+        "xmax = 1 \n"
+        "tiers? <exists> \n"
+        "size = 2 \n"
+        "item []: \n"
+        "    item [1]:\n"
+        '        class = "IntervalTier" \n'
+        '        name = "words" \n'
+        "        xmin = 0 \n"
+        "        xmax = 1 \n"
+        "        intervals: size = 2 \n"
+        "        intervals [1]:\n"
+        "            xmin = 0 \n"
+        "            xmax = 0.5 \n"
+        '            text = "a ""b""" \n'
+        "        intervals [2]:\n"
+        "            xmin = 0.5 \n"
+        "            xmax = 1 \n"
+        '            text = "" \n'
+        "    item [2]:\n"
+        '        class = "TextTier" \n'
+        '        name = "tones" \n'
+        "        xmin = 0 \n"
+        "        xmax = 1 \n"
+        "        points: size = 1 \n"
+        "        points [1]:\n"
+        "            number = 0.25 \n"
+        '            mark = "H" \n'
+    )
+
+
+def test_a_file_far_too_large_for_labels_is_not_read(tmp_path):
+    path = tmp_path / "a.TextGrid"
+    with path.open("wb") as file:
+        file.truncate(256 * 2**20 + 1)
+    with pytest.raises(FileFormatError, match="too large for labels"):
+        read_all_labels(path, reader="textgrid")
