@@ -133,14 +133,18 @@ def estimate_offset(
             expected=f"one above {_MIN_CORRELATION}, within {lags[1]:.3f} s to {lags[-2]:.3f} s",
             advice="Check that sound and recording belong together, or give the start time.",
         )
-    near = np.nan_to_num(correlations, nan=-1.0) >= 0.9 * peak
-    left = best - int(np.argmin(near[best::-1])) + 1
-    right = best + int(np.argmin(near[best:])) - 1
     return OffsetEstimate(
         float(lags[best] + _STEP * _interpolate_peak(*correlations[best - 1 : best + 2])),
         peak,
-        0.5 * float(max(right - left, 1)) * _STEP,
+        0.5 * _STEP * max(_count_near_peak(correlations, best), 1),
     )
+
+
+def _count_near_peak(correlations: FloatArray, best: int) -> int:
+    """Return the number of steps around a peak in which a tenth of it is lost at most."""
+    near = correlations >= 0.9 * correlations[best]
+    after, before = near[best:], near[best::-1]
+    return int(sum(np.logical_and.accumulate(side).sum() - 1 for side in (before, after)))
 
 
 def _interpolate_peak(before: float, peak: float, after: float) -> float:

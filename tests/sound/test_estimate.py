@@ -6,7 +6,12 @@ from scipy.signal import butter, sosfiltfilt
 
 from mocap_fit.errors import DataError
 from mocap_fit.sound import Sound, energy_db, estimate_offset
-from mocap_fit.sound.estimate import _filter_speech_band, _interpolate_peak, _remove_slow_part
+from mocap_fit.sound.estimate import (
+    _count_near_peak,
+    _filter_speech_band,
+    _interpolate_peak,
+    _remove_slow_part,
+)
 
 RATE = 60.0
 
@@ -74,8 +79,22 @@ def test_it_is_the_largest_correlation(seed, start):
     assert estimate.half_width == pytest.approx(0.005 * (right - left) / 2)
 
 
-def test_a_peak_of_one_step_is_half_a_step_wide():
-    """A click at 0.3 s and lips that open in one frame, at a rate without slow parts."""
+@pytest.mark.parametrize(
+    ("correlations", "best", "steps"),
+    [
+        ([0.1, 0.5, 1.0, 0.5, 0.1], 2, 0),
+        ([0.1, 0.91, 1.0, 0.89, 0.95], 2, 1),
+        ([0.2, 0.44, 0.45, 0.5, 0.46, 0.45, 0.44], 3, 3),
+        ([np.nan, 0.95, 1.0, 0.95, np.nan], 2, 2),
+        ([0.95, 1.0, 1.0, 0.9], 1, 3),
+    ],
+)
+def test_how_wide_a_peak_is(correlations, best, steps):
+    assert _count_near_peak(np.array(correlations), best) == steps
+
+
+def test_a_peak_of_one_step_is_as_wide_as_a_step():
+    """Clicks every 0.8 s and lips that open in one frame."""
     rng = np.random.default_rng(0)
     times = np.arange(16000 * 4) / 16000
     burst = rng.normal(size=len(times)) * (np.abs(times % 0.8 - 0.4) < 0.02)
