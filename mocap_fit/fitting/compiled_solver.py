@@ -25,9 +25,9 @@ from mocap_fit.tracks import FloatArray
 
 # Newton's method ends a frame when the expected decrease is less than this part of its cost.
 _NEWTON_TOLERANCE = 1e-9
-# nlopt's first step goes as far as a unit of its variables; near the answer that is too far.
+# nlopt's first step is a unit of its variables, which is too long near the minimum.
 _CERTIFYING_SCALE = 0.5
-# nlopt stops where it lowers the cost of Newton's answer by less than this part of it.
+# nlopt stops where it lowers the cost of Newton's result by less than this part of it.
 _CERTIFIED = 1e-8
 
 

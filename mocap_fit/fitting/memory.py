@@ -40,7 +40,7 @@ def free_memory() -> int | None:
     Returns
     -------
     int or None
-        Bytes; where the system does not say what is free, its whole memory; None where it says
+        Bytes; where the system does not say what is free, all of its memory; None where it says
         neither.
     """
     try:

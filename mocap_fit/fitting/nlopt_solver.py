@@ -143,7 +143,7 @@ class NloptSolver:
         except nlopt.RoundoffLimited:
             result = -4
         except _NLOPT_ERRORS:
-            # LBFGS and SLSQP also end so when they can go no lower; the best point is kept.
+            # LBFGS and SLSQP also end so at the minimum; the best point is used.
             result = -1
         self._x = np.clip(self._best, self._bounds[:, 0], self._bounds[:, 1])
         return result

@@ -59,10 +59,8 @@ class Evaluator:
         if self._kernel is not None:
             self._packed = pack(binding)
             rows = self._packed.blocks * SLOT
-            self._workspace, self._rows = (
-                allocate_aligned(self._packed.workspace_size),
-                allocate_aligned(1, rows),
-            )
+            self._workspace = allocate_aligned(self._packed.workspace_size)
+            self._rows = allocate_aligned(1, rows)
             self._products = allocate_aligned(1, self._packed.parameters, rows)
             self._code = OBJECTIVES.index(objective)
         self.set_frame(np.zeros((len(binding.names), 3)), np.ones(len(binding.names), dtype=bool))

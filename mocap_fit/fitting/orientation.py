@@ -248,7 +248,7 @@ def align_points(
     optimiser.set_ftol_rel(1e-14)
     optimiser.set_maxeval(500)
     start = np.concatenate([shift, np.zeros(4)])
-    # Rounding may stop the solver at the very end; the best point so far is kept.
+    # Rounding may stop the solver at the end; the best point is used.
     with contextlib.suppress(nlopt.RoundoffLimited, RuntimeError):
         optimiser.optimize(start)
     x = best[1]

@@ -9,7 +9,7 @@ The rig's operations are merged to as few as possible. Those linear in the param
 to one field a parameter; rotations and scalings ("turns") stand between, in one form:
 ``x ← c + (I + S A + V B)(x - c)``. For a rotation A is the cross product with its axis, B is A
 twice, S the sine and V the versine (one minus the cosine) of the slot's angle; for a scaling A is
-diagonal, B nil, and S the amount.
+diagonal, B is 0, and S the amount.
 
 Everything lies in one array of numbers and one of integers: compilation takes longer with every
 array argument of a function.

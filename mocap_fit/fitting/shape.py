@@ -263,7 +263,7 @@ def fit_shape(
         binding.parameter_names,
         recording.rate,
         solution.values,
-        # An undetermined parameter stays infinite even when the noise is nil.
+        # An undetermined parameter stays infinite even when the noise is 0.
         np.where(np.isinf(deviations), np.inf, deviations * noise * scale),
         np.where(fitted, residuals, np.nan),
         start_time=recording.start_time,

@@ -310,7 +310,7 @@ def estimate_smoothing(
         return 0.0, 1.0
     typical = float(np.median(np.concatenate([w[w > 0] for _, w in parts])))
     freedom = sum(int((w > 0).sum()) - 2 for _, w in parts)
-    bends = sum(len(w) - 2 for _, w in parts)
+    differences = sum(len(w) - 2 for _, w in parts)
     forms = [build_roughness_bands(len(w), 1.0, np.ones(1))[:, :, 0] for _, w in parts]
 
     def _evaluate_likelihood(log_ratio: float) -> tuple[float, float]:
@@ -328,7 +328,7 @@ def estimate_smoothing(
             log_determinant += 2.0 * float(np.log(factor[0]).sum())
         squares *= typical
         noise = max(squares / freedom, 1.0)
-        rest = log_determinant - bends * log_ratio
+        rest = log_determinant - differences * log_ratio
         return noise, freedom * float(np.log(noise)) + squares / noise + rest
 
     # The smoothing time is the fourth root of the ratio, in frames.

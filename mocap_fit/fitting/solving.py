@@ -28,7 +28,7 @@ ALGORITHMS = (
 NEWTON = "newton"
 NEWTON_NLOPT = "newton-nlopt"
 SOLVERS = (NEWTON_NLOPT, NEWTON, *ALGORITHMS)
-# The algorithm that certifies Newton's answers: of those that stay at a start which is the
+# The algorithm that certifies Newton's results: of those that stay at a start which is the
 # minimum, the one that needs the fewest evaluations to do so.
 CERTIFYING = "LD_LBFGS"
 # The algorithm that is used where there is no compiled kernel.
