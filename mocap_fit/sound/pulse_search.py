@@ -71,7 +71,7 @@ def find_grid(channel: FloatArray, period: float, max_drift: float) -> Grid | No
     channel
         Samples of the channel, ``(samples,)``.
     period
-        Approximate distance from one pulse to the next, samples.
+        Approximate distance from one pulse to the next, samples; 4 or more.
     max_drift
         Largest relative error of the period, no unit, such as 0.002.
 
@@ -108,7 +108,7 @@ def _search_chunk(
     floor = 1e-3 * float(chunk.std()) / np.sqrt(len(chunk) / period)
     frequency, step = _estimate_frequency(chunk, period, max_drift)
     best = _Box()
-    widths = np.arange(1, max(2, round(period)) // 2 + 1)
+    widths = np.arange(1, round(period) // 2 + 1)
     some_widths = np.unique(np.geomspace(1, len(widths), 40).astype(np.int64))
     # What one step changes over the full chunk is a part of a period; pulses are narrower.
     for reach, count in ((1.5, 7), (0.5, 9)):
@@ -121,7 +121,7 @@ def _search_chunk(
     if not best.sign:
         return 0.0, None
     exact = 1.0 / frequency
-    samples_per_bin = exact / max(2, round(exact))
+    samples_per_bin = exact / round(exact)
     grid = Grid(
         first + best.position * samples_per_bin,
         exact,
@@ -139,7 +139,7 @@ def _estimate_frequency(chunk: FloatArray, period: float, max_drift: float) -> t
 
     size = next_fast_len(2 * len(chunk), real=True)
     spectrum = np.abs(rfft(chunk, size))
-    harmonics = np.arange(1, max(2, min(_HARMONICS, int(0.45 * period)) + 1))
+    harmonics = np.arange(1, min(_HARMONICS, int(0.45 * period)) + 1)
     step = 1.0 / (size * len(harmonics))
     count = int(np.ceil(max_drift / period / step))
     frequencies = (1.0 + np.linspace(-max_drift, max_drift, 2 * count + 1)) / period
@@ -154,7 +154,7 @@ def _estimate_frequency(chunk: FloatArray, period: float, max_drift: float) -> t
 
 def _average_periods(chunk: FloatArray, frequency: float) -> FloatArray:
     """Return the mean over all periods, ``(bins,)``, about a sample a bin."""
-    bins = max(2, round(1.0 / frequency))
+    bins = round(1.0 / frequency)
     phases = (np.arange(len(chunk)) * frequency) % 1.0
     positions = np.minimum((phases * bins).astype(np.int64), bins - 1)
     sums = np.bincount(positions, chunk, bins)

@@ -185,7 +185,7 @@ def decode_pulses(
     residual = None
     if is_clear:
         begins, is_measured = _measure_beginnings(samples, clock, width, slots, present)
-        if is_measured.sum() >= 3:
+        if is_measured.any():
             clock = fit_line(slots[is_measured], begins[is_measured]) or clock
         # A line through few pulses of another rate may pass near to the slots.
         nominal = rate / frame_rate

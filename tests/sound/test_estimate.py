@@ -184,6 +184,19 @@ def test_what_is_quieter_than_40_decibels_below_the_loudest_is_silence():
     assert other.correlation == pytest.approx(one.correlation, abs=1e-4)
 
 
+@pytest.mark.parametrize(("decibels", "is_speech"), [(0.6, False), (1.6, True)])
+def test_speech_varies_by_a_decibel_at_least(decibels, is_speech):
+    """A tone of 1 kHz whose level goes up and down once a second."""
+    opening, _ = syllables()
+    times = np.arange(16000 * 5) / 16000
+    level = 0.1 * 10 ** (decibels / 40 * np.sin(2 * np.pi * times))
+    tone = Sound(level * np.sin(2 * np.pi * 1000 * times), 16000)
+    middle = tone.replace(samples=tone.samples[8000:-8000])
+    with pytest.raises(DataError, match="cannot be estimated") as caught:
+        estimate_offset(opening, RATE, middle, start_time=0.0, max_offset=0.02)
+    assert ("lips or sound that do not change" in str(caught.value)) != is_speech
+
+
 def test_what_is_refused(rng):
     opening, sound = syllables()
     with pytest.raises(DataError, match="lips or sound that do not change"):

@@ -146,6 +146,11 @@ class TestRefining:
         slope, start = np.polyfit(np.arange(4), begins, 1)
         assert (clock.period, clock.start) == (pytest.approx(slope), pytest.approx(start))
 
+    def test_a_pulse_beyond_reach_is_left_out(self):
+        channel = channel_with([13, 21, 31, 41], 2, 60)
+        clock = refine(channel, Clock(10.0, 10.0), 2, np.arange(4), 2)
+        assert (clock.period, clock.start) == (pytest.approx(10), pytest.approx(11))
+
     def test_slots_without_a_pulse_are_left_out(self):
         """Half of a pulse of the higher half is the least."""
         begins = np.array([10, 20, 30, 50, 60])

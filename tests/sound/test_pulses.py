@@ -298,6 +298,15 @@ class TestNumbers:
             decoded = decode_pulses(channel, 16000, 60.0, 400)
             assert (~decoded.present).sum() == len(gone)
 
+    def test_five_pulses_of_seven_are_enough(self, make_train):
+        train = make_train(16000, frames=7)
+        channel = train.channel.copy()
+        for sample in train.samples[[2, 4]]:
+            channel[sample : sample + 24] = 0
+        decoded = decode_pulses(channel, 16000, 60.0)
+        np.testing.assert_array_equal(np.flatnonzero(~decoded.present), [2, 4])
+        assert decoded.frames == 7
+
     def test_three_pulses_are_the_least(self, make_train):
         with pytest.raises(DataError, match="does not hold"):
             decode_pulses(make_train(frames=2).channel, 48000, 60.0)
