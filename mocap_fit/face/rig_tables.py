@@ -152,10 +152,14 @@ class Constraint(StrictModel):
         present = [name for name in self.optional_regions if mesh.has_region(name)]
         members = [np.array(points, dtype=np.int64)]
         members += [mesh.get_region(name) for name in (*self.regions, *present)]
-        for point, axis, sign in ((self.below, 1, -1), (self.above, 1, 1), (self.behind, 2, -1)):
+        for point, axis, is_beyond in (
+            (self.below, 1, np.less),
+            (self.above, 1, np.greater),
+            (self.behind, 2, np.less),
+        ):
             if point is not None:
                 limit = point.locate(mesh, scales, locations)[axis]
-                members.append(np.flatnonzero(sign * (mesh.vertices[:, axis] - limit) > 0))
+                members.append(np.flatnonzero(is_beyond(mesh.vertices[:, axis], limit)))
         return np.unique(np.concatenate(members))
 
 

@@ -509,6 +509,20 @@ class TestWhatIsTaken:
         (tmp_path / "mask.obj").write_text(lines)
         assert [part.name for part in load_face(path).mesh.parts] == ["skin"]
 
+    def test_two_parts_keep_their_names_and_an_only_one_may_be_another(self) -> None:
+        mesh = load_face(FACES / "mask.toml").mesh
+        one = Mesh(mesh.vertices, mesh.triangles)
+        for face, settings, names in (
+            (mesh, {}, ["skin", "teeth_lower"]),
+            (mesh, {"teeth_lower": "skin", "skin": "teeth_lower"}, ["teeth_lower", "skin"]),
+            (one, {}, ["skin"]),
+            (one, {"tongue": "skin"}, ["tongue"]),
+        ):
+            labelled = RigFile(parts=settings).label_mesh(face)
+            assert [part.name for part in labelled.parts] == names
+        other = replace(mesh, parts=tuple(replace(p, name=p.name[::-1]) for p in mesh.parts))
+        assert [part.name for part in RigFile().label_mesh(other).parts] == ["niks", "rewol_hteet"]
+
     def test_points_and_places(self) -> None:
         mesh = load_face(FACES / "mask.toml").mesh
         middle = Point(at=("8.3", "8.4"), offset=(0, 0, 10)).locate(mesh, 0.5, {})
@@ -658,14 +672,14 @@ def test_a_region_is_all_that_it_names() -> None:
     ("model", "settings", "accepted"),
     [
         (Point, {"position": [1e6, -1e6, 0]}, True),
-        (Point, {"position": [1.001e6, 0, 0]}, False),
-        (Point, {"position": [0, 0, -1.001e6]}, False),
+        (Point, {"position": [1000000.5, 0, 0]}, False),
+        (Point, {"position": [0, 0, -1000000.5]}, False),
         (RigFile, {"mouth_width": 1}, True),
         (RigFile, {"mouth_width": 0.9}, False),
         (RigFile, {"lower_face_height": 1000}, True),
         (RigFile, {"lower_face_height": 1001}, False),
         (RigFile, {"feature_points": {"2.1": [1e6, 0, -1e6]}}, True),
-        (RigFile, {"feature_points": {"2.1": [1.001e6, 0, 0]}}, False),
+        (RigFile, {"feature_points": {"2.1": [1000000.5, 0, 0]}}, False),
         (RigFile, {"feature_points": {"2.1": 0}}, True),
         (Constraint, {"value": 0, "regions": "a"}, True),
         (Constraint, {"value": 1, "regions": "a"}, True),
