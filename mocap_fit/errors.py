@@ -118,6 +118,14 @@ class MissingRateError(FileFormatError):
     """A recording that does not say its frame rate; the caller may know it."""
 
 
+class FrameTimesError(FileFormatError):
+    """Times or numbers of frames that are missing, uneven, or do not increase."""
+
+
+class RateMismatchError(FileFormatError):
+    """A header's frame rate that contradicts the times of the frames."""
+
+
 class DataError(MocapFitError):
     """Arrays or tracks that cannot be used: wrong shape, no data, impossible values."""
 

@@ -115,7 +115,7 @@ def _validate(
     phone_set: Annotated[
         str | None, typer.Option(help="The phone set: a shipped name, or a TOML file.")
     ] = None,
-    codes: Annotated[
+    load_codes: Annotated[
         bool, typer.Option("--codes", help="List all that can be found, and end.")
     ] = False,
     as_json: AsJson = False,
@@ -126,7 +126,7 @@ def _validate(
     """
     from corpus_tools.cli import validation_printing
 
-    if codes:
+    if load_codes:
         validation_printing.print_codes(as_json=as_json)
         return
     if not paths:
@@ -143,10 +143,10 @@ def _validate(
             progress=progress,
         )
     if as_json:
-        display.print_json(report.as_record())
+        display.print_json(report.to_record())
     else:
         validation_printing.print_report(report)
-    raise typer.Exit(Status.DONE if report.clean else Status.BAD_DATA)
+    raise typer.Exit(Status.DONE if report.is_clean else Status.BAD_DATA)
 
 
 def register(app: typer.Typer) -> None:

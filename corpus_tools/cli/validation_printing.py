@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from corpus_tools.cli import console, display
-from corpus_tools.validation.findings import Severity, codes
-from corpus_tools.validation.report import Report, by_code, code_records
+from corpus_tools.validation.findings import Severity, load_codes
+from corpus_tools.validation.report import Report, group_by_code, to_code_records
 
 _SHOWN = 5
 _COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.NOTE: "dim"}
@@ -23,7 +23,7 @@ def print_report(report: Report) -> None:
     screen = display.create_screen()
     for line in report.checked:
         screen.print(Text(console.to_printable(line)), soft_wrap=True)
-    for first, members in by_code(report.findings):
+    for first, members in group_by_code(report.findings):
         head = Text()
         head.append(f"\n{first.severity.value} ", style=_COLOURS[first.severity])
         head.append(f"{first.code} ", style="bold")
@@ -32,14 +32,14 @@ def print_report(report: Report) -> None:
             head.append(f" ({len(members)})")
         screen.print(head, soft_wrap=True)
         for finding in members[:_SHOWN]:
-            line = f"  {finding.place}: {finding.found}"
+            line = f"  {finding.location}: {finding.found}"
             if finding.expected:
                 line += f"; expected {finding.expected}"
             screen.print(Text("  " + console.to_printable(line)), soft_wrap=True)
         if len(members) > _SHOWN:
             screen.print(Text(f"  and {len(members) - _SHOWN} more (--json and --html have all)"))
         screen.print(Text(f"  {first.advice}", style="italic"), soft_wrap=True)
-    screen.print(Text(("\n" if report.findings else "") + report.verdict()), soft_wrap=True)
+    screen.print(Text(("\n" if report.findings else "") + report.format_verdict()), soft_wrap=True)
 
 
 def print_codes(*, as_json: bool) -> None:
@@ -51,7 +51,7 @@ def print_codes(*, as_json: bool) -> None:
         Whether JSON is printed.
     """
     if as_json:
-        display.print_json(code_records())
+        display.print_json(to_code_records())
         return
     from rich import box
     from rich.table import Table
@@ -59,6 +59,6 @@ def print_codes(*, as_json: bool) -> None:
     shown = Table(box=box.SIMPLE_HEAD)
     for title in ("code", "about", "severity", "what is wrong", "what to do"):
         shown.add_column(title, overflow="fold")
-    for code in codes().values():
+    for code in load_codes().values():
         shown.add_row(code.code, code.area, code.severity.value, code.title, code.advice)
     display.create_screen().print(shown)

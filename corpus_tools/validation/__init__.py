@@ -11,9 +11,9 @@ from corpus_tools.validation.findings import (
     Code,
     Evidence,
     Finding,
-    Place,
+    Location,
     Severity,
-    codes,
+    load_codes,
 )
 from corpus_tools.validation.report import Report
 from corpus_tools.validation.subject import Context, Subject, Summary, check_subject
@@ -24,13 +24,13 @@ __all__ = [
     "Context",
     "Evidence",
     "Finding",
-    "Place",
+    "Location",
     "Report",
     "Severity",
     "Subject",
     "Summary",
     "Thresholds",
     "check_subject",
-    "codes",
+    "load_codes",
     "load_thresholds",
 ]

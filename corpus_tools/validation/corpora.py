@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from corpus_tools.validation import geometry
-from corpus_tools.validation.findings import Finding, Place
+from corpus_tools.validation.findings import Finding, Location
 from corpus_tools.validation.parameters import check_closures
-from corpus_tools.validation.reading import FOLDERS, failed, read_utterance
+from corpus_tools.validation.reading import FOLDERS, describe_failure, read_utterance
 from corpus_tools.validation.subject import Context, Subject, Summary, check_subject
 from corpus_tools.validation.tables import check_table, read_frame
 from corpus_tools.validation.thresholds import Thresholds
@@ -38,7 +38,21 @@ _TELLING = 4
 
 @dataclass(frozen=True, eq=False)
 class Opened:
-    """A corpus and what its utterances are compared with."""
+    """A corpus and what its utterances are compared with.
+
+    Parameters
+    ----------
+    corpus
+        The corpus.
+    context
+        What its utterances are compared with.
+    wanted
+        Folders that must have a file of every utterance.
+    folder
+        The folder of the corpus.
+    shown
+        The folder, as the user named it.
+    """
 
     corpus: Corpus
     context: Context
@@ -66,11 +80,11 @@ def open_for_checks(folder: Path, context: Context) -> tuple[Opened | None, list
         Of its table, files and provenance.
     """
     shown = str(folder)
-    found: list[Finding] = []
+    findings: list[Finding] = []
     table = os.path.join(shown, UTTERANCES_FILE)
     try:
         frame, _ = read_frame(folder / UTTERANCES_FILE, ("utterances",))
-        found += check_table(frame, "utterances", (), Place(table))
+        findings += check_table(frame, "utterances", (), Location(table))
     except MocapFitError:
         # Opening the corpus says the same, and more.
         pass
@@ -78,82 +92,117 @@ def open_for_checks(folder: Path, context: Context) -> tuple[Opened | None, list
         corpus = open_corpus(folder)
     except MocapFitError as error:
         file = error.path or os.path.join(shown, DESCRIPTION_FILE)
-        found.append(failed(error, str(file)))
-        return None, found
+        findings.append(describe_failure(error, str(file)))
+        return None, findings
     layout, rig = context.layout, context.rig
     description = os.path.join(shown, DESCRIPTION_FILE)
     if layout is None and corpus.layout:
-        layout, more = _layout(folder, corpus.layout, description)
-        found += more
+        layout, more = _load_layout(folder, corpus.layout, description)
+        findings += more
     if rig is None:
-        rig, more = _face(folder, corpus.face, description)
-        found += more
+        rig, more = _load_face(folder, corpus.face, description)
+        findings += more
     context = replace(
         context,
         layout=layout,
         rig=rig,
         phone_set=context.phone_set or corpus.phone_set,
-        rate=context.rate or corpus.rate or _usual_rate(corpus),
+        rate=context.rate or corpus.rate or _estimate_rate(corpus),
     )
-    wanted = _wanted(folder, corpus)
-    found += _files(folder, shown, corpus)
-    found += _splits(corpus, shown, context.limits)
-    found += check_provenance(corpus.provenance, (), Place(description), context.limits)
-    return Opened(corpus, context, wanted, folder, shown), found
+    wanted = _list_wanted(folder, corpus)
+    findings += _check_files(folder, shown, corpus)
+    findings += _check_splits(corpus, shown, context.limits)
+    findings += check_provenance(corpus.provenance, (), Location(description), context.limits)
+    return Opened(corpus, context, wanted, folder, shown), findings
 
 
 def check_utterance(opened: Opened, utterance: Utterance) -> tuple[list[Finding], Summary]:
-    """Read an utterance and check it; nothing of it is kept but the summary."""
+    """Read an utterance and check it; only the summary of its data stays in memory.
+
+    Parameters
+    ----------
+    opened
+        The corpus.
+    utterance
+        The utterance.
+
+    Returns
+    -------
+    findings
+        What is wrong.
+    summary
+        What the checks of the whole corpus need of it.
+    """
     limits = opened.context.limits
-    subject, found = read_utterance(utterance, opened.shown, opened.wanted, limits)
+    subject, findings = read_utterance(utterance, opened.shown, opened.wanted, limits)
     parameters = subject.parameters
     if parameters is not None:
-        place = subject.place("parameters")
+        location = subject.get_location("parameters")
         if parameters.names != opened.corpus.parameter_names:
-            found.append(
+            findings.append(
                 Finding(
                     "MF311",
-                    place,
+                    location,
                     ", ".join(parameters.names),
                     ", ".join(opened.corpus.parameter_names),
                 )
             )
         steps = limits.corpus.steps
-        found += check_provenance(parameters.provenance, steps, place, limits)
-    found += _one_conversion(opened.folder, subject)
-    table = Place(os.path.join(opened.shown, UTTERANCES_FILE), utterance.id, "checks")
+        findings += check_provenance(parameters.provenance, steps, location, limits)
+    findings += _check_conversion(opened.folder, subject)
+    table = Location(os.path.join(opened.shown, UTTERANCES_FILE), utterance.id, "checks")
     remarks = [remark for remark in utterance.checks if not remark.startswith(_JUDGED)]
-    found += [Finding("MF514", table, remark) for remark in remarks]
+    findings += [Finding("MF514", table, remark) for remark in remarks]
     more, summary = check_subject(subject, opened.context)
-    return found + more, summary
+    return findings + more, summary
 
 
 def check_provenance(
-    provenance: Provenance, steps: Sequence[str], place: Place, limits: Thresholds
+    provenance: Provenance, steps: Sequence[str], location: Location, limits: Thresholds
 ) -> Iterator[Finding]:
-    """Find a provenance that is not there, lacks a step, or names places on one computer."""
+    """Find a provenance that is missing, lacks a step, or names paths of one computer.
+
+    Parameters
+    ----------
+    provenance
+        The steps that led to the data.
+    steps
+        Names of the steps that must be there.
+    location
+        The file and the utterance.
+    limits
+        What counts as wrong.
+
+    Yields
+    ------
+    Finding
+        What is wrong.
+    """
     if not provenance:
         wanted = f" with {', '.join(steps)}" if steps else ""
-        yield Finding("MF509", place, "no step", f"the steps that led here{wanted}")
+        yield Finding("MF509", location, "no step", f"the steps that led here{wanted}")
         return
     names = [step.name for step in provenance]
     lacking = [name for name in steps if name not in names]
     if lacking:
         yield Finding(
             "MF510",
-            Place(place.file, place.utterance, ", ".join(lacking)),
+            Location(location.file, location.utterance, ", ".join(lacking)),
             f"the steps are {', '.join(names)}",
             f"{', '.join(lacking)} too",
         )
     for step in provenance:
-        for path in _texts(step.arguments):
+        for path in _check_texts(step.arguments):
             if PurePosixPath(path).is_absolute() or PureWindowsPath(path).is_absolute():
                 yield Finding(
-                    "MF511", Place(place.file, place.utterance, step.name), path, "a relative path"
+                    "MF511",
+                    Location(location.file, location.utterance, step.name),
+                    path,
+                    "a relative path",
                 )
 
 
-def _one_conversion(folder: Path, subject: Subject) -> Iterator[Finding]:
+def _check_conversion(folder: Path, subject: Subject) -> Iterator[Finding]:
     """Find files of an utterance that were made from others, or changed since."""
     name = subject.name
     noted: dict[str, Mapping[str, Any]] = {}
@@ -171,7 +220,7 @@ def _one_conversion(folder: Path, subject: Subject) -> Iterator[Finding]:
         if arguments.get("inputs") != first.get("inputs"):
             yield Finding(
                 "MF504",
-                Place(subject.files[data], name, "inputs"),
+                Location(subject.files[data], name, "inputs"),
                 f"the {data} were made from other files than the parameters",
                 "one conversion",
             )
@@ -181,21 +230,21 @@ def _one_conversion(folder: Path, subject: Subject) -> Iterator[Finding]:
         if content != first["audio"]:
             yield Finding(
                 "MF504",
-                Place(subject.files["sound"], name, "content"),
+                Location(subject.files["sound"], name, "content"),
                 "the sound is not the one that was converted",
                 "a file that was not changed since",
             )
 
 
-def _texts(value: Any) -> Iterator[str]:
+def _check_texts(value: Any) -> Iterator[str]:
     if isinstance(value, str):
         yield value
     elif isinstance(value, Mapping):
         for item in value.values():
-            yield from _texts(item)
+            yield from _check_texts(item)
     elif isinstance(value, list | tuple):
         for item in value:
-            yield from _texts(item)
+            yield from _check_texts(item)
 
 
 def check_between(
@@ -211,22 +260,29 @@ def check_between(
         What counts as wrong.
     splits
         Whether they are in splits.
+
+    Yields
+    ------
+    Finding
+        What is wrong.
     """
-    for members in _groups(summaries, lambda s: (s.speaker, s.session)):
+    for members in _group_by(summaries, lambda s: (s.speaker, s.session)):
         shapes = [member.shape for member in members if member.shape is not None]
         yield from geometry.check_sessions(shapes, limits)
         yield from _offset(members, limits)
-    for members in _groups(summaries, lambda s: s.speaker):
+    for members in _group_by(summaries, lambda s: s.speaker):
         spans = np.array([m.lips for m in members if m.lips is not None]).reshape(-1, 2)
-        closures = [closure for member in members for closure in member.closures]
-        yield from check_closures(closures, spans, limits)
+        measure_closures = [closure for member in members for closure in member.closures]
+        yield from check_closures(measure_closures, spans, limits)
     if not splits:
-        yield from _rates(summaries, limits)
-    yield from _sampling(summaries)
-    yield from _twice(summaries, limits, splits)
+        yield from _check_rates(summaries, limits)
+    yield from _check_sampling(summaries)
+    yield from _check_duplicates(summaries, limits, splits)
 
 
-def _groups(summaries: Sequence[Summary], key: Callable[[Summary], Any]) -> Iterable[list[Summary]]:
+def _group_by(
+    summaries: Sequence[Summary], key: Callable[[Summary], Any]
+) -> Iterable[list[Summary]]:
     groups: dict[Any, list[Summary]] = {}
     for summary in summaries:
         groups.setdefault(key(summary), []).append(summary)
@@ -235,42 +291,42 @@ def _groups(summaries: Sequence[Summary], key: Callable[[Summary], Any]) -> Iter
 
 def _offset(members: Sequence[Summary], limits: Thresholds) -> Iterator[Finding]:
     rules = limits.time
-    told = [m.offset for m in members if m.offset and m.offset[1] >= rules.offset_correlation]
-    if len(told) < rules.offset_utterances:
+    usable = [m.offset for m in members if m.offset and m.offset[1] >= rules.offset_correlation]
+    if len(usable) < rules.offset_utterances:
         return
     # Single estimates are a syllable off; their middle is not.
-    middle = float(np.median([offset for offset, _ in told]))
+    middle = float(np.median([offset for offset, _ in usable]))
     if abs(middle) > rules.offset:
         session = " ".join(part for part in (members[0].speaker, members[0].session) if part)
         yield Finding(
             "MF147",
-            Place(os.path.dirname(os.path.dirname(members[0].place.file)), "", session),
+            Location(os.path.dirname(os.path.dirname(members[0].location.file)), "", session),
             f"frames are {abs(middle):.3f} s {'late' if middle > 0 else 'early'}, by "
-            f"{len(told)} utterances",
+            f"{len(usable)} utterances",
             f"at most {rules.offset} s",
         )
 
 
-def _rates(summaries: Sequence[Summary], limits: Thresholds) -> Iterator[Finding]:
-    """Recordings of a folder, of which nothing says what rate they should have."""
-    told = [summary for summary in summaries if "rate" in summary.figures]
-    if len(told) < _TELLING:
+def _check_rates(summaries: Sequence[Summary], limits: Thresholds) -> Iterator[Finding]:
+    """Find recordings of a folder whose rate is not that of most others."""
+    usable = [summary for summary in summaries if "rate" in summary.figures]
+    if len(usable) < _TELLING:
         return
-    usual = float(np.median([summary.figures["rate"] for summary in told]))
+    usual = float(np.median([summary.figures["rate"] for summary in usable]))
 
-    def differs(summary: Summary) -> bool:
+    def is_different(summary: Summary) -> bool:
         allowed: float = limits.time.rate
         return abs(summary.figures["rate"] / usual - 1) > allowed
 
-    others = [summary for summary in told if differs(summary)]
+    others = [summary for summary in usable if is_different(summary)]
     # Of a mixture of recordings none is wrong.
-    if len(others) <= len(told) // _TELLING:
+    if len(others) <= len(usable) // _TELLING:
         for summary in others:
             rate = summary.figures["rate"]
-            yield Finding("MF141", summary.place, f"{rate:g} Hz", f"{usual:g} Hz, as the others")
+            yield Finding("MF141", summary.location, f"{rate:g} Hz", f"{usual:g} Hz, as the others")
 
 
-def _sampling(summaries: Sequence[Summary]) -> Iterator[Finding]:
+def _check_sampling(summaries: Sequence[Summary]) -> Iterator[Finding]:
     rates = [s.figures["sound_rate"] for s in summaries if "sound_rate" in s.figures]
     if not rates:
         return
@@ -279,10 +335,12 @@ def _sampling(summaries: Sequence[Summary]) -> Iterator[Finding]:
     for summary in summaries:
         rate = summary.figures.get("sound_rate", usual)
         if rate != usual:
-            yield Finding("MF403", summary.sound_place, f"{rate:g} Hz", f"{usual:g} Hz")
+            yield Finding("MF403", summary.sound_location, f"{rate:g} Hz", f"{usual:g} Hz")
 
 
-def _twice(summaries: Sequence[Summary], limits: Thresholds, splits: bool) -> Iterator[Finding]:
+def _check_duplicates(
+    summaries: Sequence[Summary], limits: Thresholds, splits: bool
+) -> Iterator[Finding]:
     reported: set[tuple[str, str]] = set()
     for kind, code in (("recording", "MF505"), ("parameters", "MF505"), ("sound", "MF506")):
         alike: dict[str, list[Summary]] = {}
@@ -299,39 +357,39 @@ def _twice(summaries: Sequence[Summary], limits: Thresholds, splits: bool) -> It
                 where = f" ('{one.split}' and '{other.split}')" if across else ""
                 yield Finding(
                     code if across else "MF508",
-                    Place(other.place.file, other.name, one.name),
+                    Location(other.location.file, other.name, one.name),
                     f"the {kind} of '{other.name}' is that of '{one.name}'{where}",
                     "each once",
                 )
     if not splits:
         return
-    told = [s for s in summaries if len(s.text.split()) >= limits.corpus.shortest_text]
-    for members in _groups(told, lambda s: " ".join(re.findall(r"\w+", s.text.casefold()))):
+    usable = [s for s in summaries if len(s.text.split()) >= limits.corpus.shortest_text]
+    for members in _group_by(usable, lambda s: " ".join(re.findall(r"\w+", s.text.casefold()))):
         if len({member.split for member in members}) > 1:
             first = members[0]
             other = next(member for member in members if member.split != first.split)
             yield Finding(
                 "MF507",
-                Place(other.place.file, other.name, first.name),
+                Location(other.location.file, other.name, first.name),
                 f"'{first.text}' is said in '{first.split}' and in '{other.split}'",
                 "each text in one split",
             )
 
 
-def _layout(folder: Path, name: str, file: str) -> tuple[Layout | None, list[Finding]]:
+def _load_layout(folder: Path, name: str, file: str) -> tuple[Layout | None, list[Finding]]:
     try:
         return load_layout(folder / name if (folder / name).is_file() else name), []
     except MocapFitError as error:
-        said = f"the layout '{name}' is not known: {error.problem}"
-        return None, [Finding("MF003", Place(file, "", "layout"), said)]
+        problem = f"the layout '{name}' is not known: {error.problem}"
+        return None, [Finding("MF003", Location(file, "", "layout"), problem)]
 
 
-def _face(folder: Path, name: str, file: str) -> tuple[Rig | None, list[Finding]]:
+def _load_face(folder: Path, name: str, file: str) -> tuple[Rig | None, list[Finding]]:
     if not name:
         return None, [
             Finding(
                 "MF003",
-                Place(file, "", "face"),
+                Location(file, "", "face"),
                 "the corpus does not name its face",
                 "the bounds of its parameters, and its lips",
             )
@@ -339,12 +397,12 @@ def _face(folder: Path, name: str, file: str) -> tuple[Rig | None, list[Finding]
     try:
         return load_face(folder / name if (folder / name).is_file() else name), []
     except MocapFitError as error:
-        said = f"the face '{name}' is not known: {error.problem}"
-        return None, [Finding("MF003", Place(file, "", "face"), said)]
+        problem = f"the face '{name}' is not known: {error.problem}"
+        return None, [Finding("MF003", Location(file, "", "face"), problem)]
 
 
-def _usual_rate(corpus: Corpus) -> float | None:
-    """The middle of the utterances' rates: on the sound's clock they differ by millionths."""
+def _estimate_rate(corpus: Corpus) -> float | None:
+    """Return the median rate of the utterances: on the sound's clock they differ by millionths."""
     rates = []
     for utterance in corpus:
         described = read_description(corpus.folder / "tracks" / f"{utterance.id}.parquet")  # type: ignore[operator]
@@ -354,7 +412,7 @@ def _usual_rate(corpus: Corpus) -> float | None:
     return float(np.median(rates)) if len(rates) >= 3 else None
 
 
-def _wanted(folder: Path, corpus: Corpus) -> tuple[str, ...]:
+def _list_wanted(folder: Path, corpus: Corpus) -> tuple[str, ...]:
     """Folders that must have a file of every utterance: a part that most have, all must have."""
     wanted = []
     for name, (_, ending, _) in FOLDERS.items():
@@ -364,7 +422,7 @@ def _wanted(folder: Path, corpus: Corpus) -> tuple[str, ...]:
     return tuple(wanted)
 
 
-def _files(folder: Path, shown: str, corpus: Corpus) -> Iterator[Finding]:
+def _check_files(folder: Path, shown: str, corpus: Corpus) -> Iterator[Finding]:
     ids = {utterance.id for utterance in corpus}
     for path in sorted(folder.rglob("*")):
         if not path.is_file():
@@ -372,30 +430,30 @@ def _files(folder: Path, shown: str, corpus: Corpus) -> Iterator[Finding]:
         inside = path.relative_to(folder)
         name = os.path.join(shown, *inside.parts)
         if path.name.endswith(".partial"):
-            yield Finding("MF513", Place(name), "a file that was not written to its end")
+            yield Finding("MF513", Location(name), "a file that was not written to its end")
             continue
         if any(part.startswith(".") for part in inside.parts) or len(inside.parts) == 1:
             continue
-        kept = FOLDERS.get(inside.parts[0])
-        if kept is None or len(inside.parts) > 2 or _ALLOWED.fullmatch(path.name):
+        content = FOLDERS.get(inside.parts[0])
+        if content is None or len(inside.parts) > 2 or _ALLOWED.fullmatch(path.name):
             continue
-        if path.suffix != f".{kept[1]}" or path.stem not in ids:
+        if path.suffix != f".{content[1]}" or path.stem not in ids:
             yield Finding(
                 "MF502",
-                Place(name),
+                Location(name),
                 f"there is no utterance '{path.stem}'"
                 if path.stem not in ids
                 else f"a file in {path.suffix}",
-                f"a file in .{kept[1]} for each of the {len(ids)} utterances",
+                f"a file in .{content[1]} for each of the {len(ids)} utterances",
             )
 
 
-def _splits(corpus: Corpus, shown: str, limits: Thresholds) -> Iterator[Finding]:
+def _check_splits(corpus: Corpus, shown: str, limits: Thresholds) -> Iterator[Finding]:
     lacking = [name for name in limits.corpus.splits if name not in corpus.splits]
     if lacking:
         yield Finding(
             "MF512",
-            Place(os.path.join(shown, UTTERANCES_FILE), "", ", ".join(lacking)),
+            Location(os.path.join(shown, UTTERANCES_FILE), "", ", ".join(lacking)),
             f"the splits are {', '.join(corpus.splits) or 'none'}",
             ", ".join(limits.corpus.splits),
         )

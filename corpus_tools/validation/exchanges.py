@@ -29,22 +29,22 @@ class Exchange:
     last: int
 
 
-def previous(positions: FloatArray, reach: int) -> tuple[FloatArray, NDArray[np.int64]]:
-    """The last sample of each marker before each frame, and how many frames ago that is.
+def find_previous(positions: FloatArray, reach: int) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Find the last sample of each marker before each frame, and how many frames ago that is.
 
     Parameters
     ----------
     positions
-        `(frames, markers, 3)`; NaN is missing.
+        Positions, ``(frames, markers, 3)``, millimetres; NaN is missing.
     reach
-        Frames; older samples count as missing.
+        Frames after which a sample is too old and counts as missing.
 
     Returns
     -------
     before
-        As `positions`.
+        The last samples, ``(frames, markers, 3)``, millimetres.
     ago
-        `(frames, markers)`, 1 or more; 1 where there is none.
+        Their age in frames, ``(frames, markers)``, 1 or more; 1 where there is none.
     """
     frames, markers = positions.shape[:2]
     seen = ~np.isnan(positions[:, :, 0])
@@ -70,23 +70,24 @@ def find_exchanges(
     Parameters
     ----------
     positions
-        `(frames, markers, 3)` without head motion.
+        Positions without head motion, ``(frames, markers, 3)``, millimetres.
     rate
-        Hertz.
+        Frame rate, hertz.
     limits
         The thresholds ``markers``.
 
     Returns
     -------
     exchanges
-        By their first frames. Of one that does not end, the shorter side is taken for wrong.
-    mended
-        As `positions`.
+        The exchanges, by their first frames. Of one that does not end, the shorter side is
+        taken for wrong.
+    corrected
+        The positions with the names exchanged back, ``(frames, markers, 3)``, millimetres.
     """
     frames, markers = positions.shape[:2]
     if frames < 2:
         return [], positions
-    before, ago = previous(positions, max(1, round(limits.gap_bridged * rate)))
+    before, ago = find_previous(positions, max(1, round(limits.gap_bridged * rate)))
     steps = np.linalg.norm(positions - before, axis=2)
     usual = np.zeros(markers)
     some = ~np.isnan(steps).all(axis=0)
@@ -100,14 +101,16 @@ def find_exchanges(
     for frame in range(frames):
         if frame in turns:
             jumping = np.flatnonzero(far[frame])
-            for ring in _rings(positions[frame, jumping], before[frame, jumping], limits.swap_gain):
+            for ring in _find_rings(
+                positions[frame, jumping], before[frame, jumping], limits.swap_gain
+            ):
                 members = jumping[list(ring)]
                 # The name members[k] has jumped onto the track that members[k + 1] had.
                 owner = owner.copy()
                 owner[members] = owner[np.roll(members, -1)]
         owners[frame] = owner
-    owners = _shorter_side(owners)
-    exchanges = _stretches(owners)
+    owners = _choose_longer_side(owners)
+    exchanges = _find_exchanges(owners)
     mended = positions
     if exchanges:
         mended = np.empty_like(positions)
@@ -116,7 +119,7 @@ def find_exchanges(
     return exchanges, mended
 
 
-def _rings(here: FloatArray, before: FloatArray, gain: float) -> list[tuple[int, ...]]:
+def _find_rings(here: FloatArray, before: FloatArray, gain: float) -> list[tuple[int, ...]]:
     """Rings of a permutation that explains the jumps: each member goes where the next one was."""
     apart = np.linalg.norm(here[:, None] - before[None], axis=2)
     rows, columns = linear_sum_assignment(apart**2)
@@ -129,44 +132,44 @@ def _rings(here: FloatArray, before: FloatArray, gain: float) -> list[tuple[int,
             ring.append(follows[ring[-1]])
         left -= set(ring)
         stay = sum(apart[k, k] for k in ring)
-        moved = sum(apart[k, follows[k]] for k in ring)
-        if len(ring) > 1 and moved < gain * stay:
+        exchanged = sum(apart[k, follows[k]] for k in ring)
+        if len(ring) > 1 and exchanged < gain * stay:
             rings.append(tuple(ring))
     return rings
 
 
-def _shorter_side(owners: NDArray[np.intp]) -> NDArray[np.intp]:
+def _choose_longer_side(owners: NDArray[np.intp]) -> NDArray[np.intp]:
     """Where names are not given back until the end, the longer side is right."""
     frames, markers = owners.shape
-    own = np.arange(markers)
+    identity = np.arange(markers)
     values, counts = np.unique(owners, axis=0, return_counts=True)
     commonest = values[int(np.argmax(counts))]
-    if np.array_equal(commonest, own) or 2 * counts.max() <= frames:
+    if np.array_equal(commonest, identity) or 2 * counts.max() <= frames:
         return owners
     # Tracks are called by the names that they carry most of the time.
     inverse = np.empty(markers, dtype=np.intp)
-    inverse[commonest] = own
+    inverse[commonest] = identity
     return np.asarray(inverse[owners])
 
 
-def _stretches(owners: NDArray[np.intp]) -> list[Exchange]:
+def _find_exchanges(owners: NDArray[np.intp]) -> list[Exchange]:
     frames, markers = owners.shape
-    own = np.arange(markers)
-    found = []
+    identity = np.arange(markers)
+    exchanges = []
     changes = np.flatnonzero((np.diff(owners, axis=0) != 0).any(axis=1)) + 1
     open_rings: dict[tuple[int, ...], int] = {}
     for start in [0, *changes.tolist(), frames]:
-        rings = set() if start == frames else _cycles(owners[start], own)
+        rings = set() if start == frames else _find_cycles(owners[start], identity)
         for ring in [ring for ring in open_rings if ring not in rings]:
-            found.append(Exchange(ring, open_rings.pop(ring), start - 1))
+            exchanges.append(Exchange(ring, open_rings.pop(ring), start - 1))
         for ring in rings:
             open_rings.setdefault(ring, start)
-    return sorted(found, key=lambda exchange: (exchange.first, exchange.markers))
+    return sorted(exchanges, key=lambda exchange: (exchange.first, exchange.markers))
 
 
-def _cycles(owner: NDArray[np.intp], own: NDArray[np.intp]) -> set[tuple[int, ...]]:
+def _find_cycles(owner: NDArray[np.intp], identity: NDArray[np.intp]) -> set[tuple[int, ...]]:
     rings = set()
-    left = set(np.flatnonzero(owner != own).tolist())
+    left = set(np.flatnonzero(owner != identity).tolist())
     while left:
         ring = [min(left)]
         while int(owner[ring[-1]]) != ring[0]:

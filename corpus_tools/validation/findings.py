@@ -65,8 +65,14 @@ class Code:
 
 
 @cache
-def codes() -> Mapping[str, Code]:
-    """All codes, in order; the table is ``codes.toml`` beside this module."""
+def load_codes() -> Mapping[str, Code]:
+    """Load the table of codes, ``codes.toml`` beside this module.
+
+    Returns
+    -------
+    dict of str to Code
+        All codes, in order.
+    """
     text = resources.files(__package__).joinpath("codes.toml").read_text("utf-8")
     return {
         code: Code(code, row["title"], Severity(row["severity"]), row["advice"])
@@ -75,21 +81,22 @@ def codes() -> Mapping[str, Code]:
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where something was found.
+class Location:
+    """The location of a finding.
 
     Parameters
     ----------
     file
-        As the user named it, or in a corpus relative to its folder; empty where it is the whole.
+        The file as the user named it, or in a corpus relative to its folder; empty for the
+        whole corpus.
     utterance
-        Its id; empty where none is concerned.
+        Id of the utterance; empty where none is concerned.
     item
         The marker, markers, parameter, phone, column or step.
     frames
         First and last frame, from 0.
     seconds
-        Start and end.
+        Start and end, seconds.
     """
 
     file: str = ""
@@ -99,7 +106,7 @@ class Place:
     seconds: tuple[float, float] | None = None
 
     def __str__(self) -> str:
-        """The place in words."""
+        """Return the location in words."""
         parts = [self.file or self.utterance]
         if self.item:
             parts.append(self.item)
@@ -113,16 +120,16 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Curves about a place, for a picture.
+    """Curves about a location, for a picture.
 
     Parameters
     ----------
     times
-        `(points,)`, seconds.
+        Times, ``(points,)``, seconds.
     curves
-        `(points,)` each, by what they are.
+        Curves by their names, ``(points,)`` each.
     unit
-        Of the curves.
+        Unit of the curves.
     """
 
     times: FloatArray
@@ -132,24 +139,28 @@ class Evidence:
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """Something that was found.
+    """Something that is wrong, or worth a note.
 
     Parameters
     ----------
     code
-        One of `codes`.
-    place
-        Where.
-    found, expected
-        What there is, and what there should be.
-    severity, advice
-        Those of the code where not given.
+        One of `load_codes`.
+    location
+        Where it is.
+    found
+        What there is.
+    expected
+        What there should be.
+    severity
+        How grave it is; that of the code where not given.
+    advice
+        What to do; that of the code where not given.
     evidence
-        For a picture.
+        Curves for a picture.
     """
 
     code: str
-    place: Place
+    location: Location
     found: str
     expected: str = ""
     severity: Severity = None  # type: ignore[assignment]
@@ -157,57 +168,100 @@ class Finding:
     evidence: Evidence | None = None
 
     def __post_init__(self) -> None:
-        kind = codes()[self.code]
+        kind = load_codes()[self.code]
         object.__setattr__(self, "severity", self.severity or kind.severity)
         object.__setattr__(self, "advice", self.advice or kind.advice)
 
     @property
     def title(self) -> str:
         """What is wrong, without a full stop."""
-        return codes()[self.code].title
+        return load_codes()[self.code].title
 
     def replace(self, **changes: Any) -> Finding:
-        """A copy with some fields changed."""
+        """Return a copy with some fields changed.
+
+        Parameters
+        ----------
+        **changes
+            New values of the fields.
+
+        Returns
+        -------
+        Finding
+            The copy.
+        """
         return dataclasses.replace(self, **changes)
 
-    def as_record(self) -> dict[str, Any]:
-        """The finding as plain values, for JSON."""
-        place = self.place
+    def to_record(self) -> dict[str, Any]:
+        """Return the finding as plain values, for JSON.
+
+        Returns
+        -------
+        dict
+            The values by their names.
+        """
+        location = self.location
         return {
             "code": self.code,
             "severity": self.severity.value,
             "problem": self.title,
-            "file": place.file,
-            "utterance": place.utterance,
-            "item": place.item,
-            "frames": place.frames,
-            "seconds": place.seconds,
+            "file": location.file,
+            "utterance": location.utterance,
+            "item": location.item,
+            "frames": location.frames,
+            "seconds": location.seconds,
             "found": self.found,
             "expected": self.expected,
             "advice": self.advice,
         }
 
 
-def in_order(findings: Iterable[Finding]) -> list[Finding]:
-    """The gravest first, then by code and place."""
+def sort_findings(findings: Iterable[Finding]) -> list[Finding]:
+    """Sort findings: the gravest first, then by code and location.
 
-    def key(finding: Finding) -> tuple[Any, ...]:
-        place = finding.place
-        first = -1 if place.frames is None else place.frames[0]
-        begin = -1.0 if place.seconds is None else place.seconds[0]
-        where = (place.file, place.utterance, place.item, first, begin)
+    Parameters
+    ----------
+    findings
+        The findings.
+
+    Returns
+    -------
+    list of Finding
+        The findings in order.
+    """
+
+    def get_key(finding: Finding) -> tuple[Any, ...]:
+        location = finding.location
+        first = -1 if location.frames is None else location.frames[0]
+        begin = -1.0 if location.seconds is None else location.seconds[0]
+        where = (location.file, location.utterance, location.item, first, begin)
         return (finding.severity.rank, finding.code, *where)
 
-    return sorted(findings, key=key)
+    return sorted(findings, key=get_key)
 
 
-def capped(findings: Iterable[Finding], most: int) -> Iterator[Finding]:
-    """No more than so many of one code about one item of a file; the last says how many more."""
+def limit_findings(findings: Iterable[Finding], most: int) -> Iterator[Finding]:
+    """Limit the number of findings of one code about one item of a file.
+
+    The last finding of a group says how many more there are.
+
+    Parameters
+    ----------
+    findings
+        The findings.
+    most
+        The largest number in a group.
+
+    Yields
+    ------
+    Finding
+        The findings that remain.
+    """
     groups: dict[tuple[str, str, str, str], list[Finding]] = {}
     for finding in findings:
-        place = finding.place
-        key = (finding.code, place.file, place.utterance, place.item)
-        groups.setdefault(key, []).append(finding)
+        location = finding.location
+        get_key = (finding.code, location.file, location.utterance, location.item)
+        groups.setdefault(get_key, []).append(finding)
     for group in groups.values():
         yield from group[: most - 1]
         more = len(group) - most

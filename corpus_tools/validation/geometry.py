@@ -9,8 +9,8 @@ from itertools import chain, combinations
 import numpy as np
 
 from corpus_tools.validation import shapes
-from corpus_tools.validation.findings import Finding, Place
-from corpus_tools.validation.markers import at, evidence
+from corpus_tools.validation.findings import Finding, Location
+from corpus_tools.validation.markers import collect_evidence, locate
 from corpus_tools.validation.shapes import Fitted, Stilled
 from corpus_tools.validation.slips import find_slips
 from corpus_tools.validation.thresholds import Thresholds
@@ -26,23 +26,26 @@ _FEWEST = 3
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """What is kept of a recording to compare it with the others of its session.
+    """The shape of the markers of a recording, to compare it with the others of its session.
 
     Parameters
     ----------
-    place
-        The file, and the utterance.
-    names, head
-        Of all markers, and of the head markers.
+    location
+        The file and the utterance.
+    names
+        Names of all markers.
+    head
+        Names of the head markers.
     placed
-        `(markers, 3)`: the typical shape at the middle pose, in the recording's coordinates.
+        The typical shape at the middle pose, ``(markers, 3)``, millimetres in the recording's
+        coordinates.
     against_layout
-        The layout's face laid on it; None where no layout tells.
+        The layout's face aligned with it; None where no layout tells.
     varies
         Whether the layout says that sizes vary.
     """
 
-    place: Place
+    location: Location
     names: tuple[str, ...]
     head: tuple[str, ...]
     placed: FloatArray
@@ -54,28 +57,62 @@ def summarise(
     recording: MarkerTracks,
     still: Stilled,
     layout: Layout | None,
-    place: Place,
+    location: Location,
     limits: Thresholds,
 ) -> Shape:
-    """Keep of a recording what tells unit, axes, and places of markers."""
+    """Summarise the shape of a recording: unit, axes and positions of markers.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    still
+        The recording without head motion.
+    layout
+        The marker layout; None where it is not known.
+    location
+        The file and the utterance.
+    limits
+        What counts as wrong.
+
+    Returns
+    -------
+    Shape
+        The shape.
+    """
     fitted = None
     head: tuple[str, ...] = ()
     if layout is not None:
-        expected = shapes.expected_places(layout, recording.names)
-        fitted = shapes.lay_on(expected, still.placed, limits.shape.mirror_gain, True)
+        expected = shapes.locate_expected(layout, recording.names)
+        fitted = shapes.align_shapes(expected, still.placed, limits.shape.mirror_gain, True)
         head = tuple(m.name for m in layout.head_markers if m.name in recording.names)
     varies = layout is not None and layout.size_varies
-    return Shape(place, recording.names, head, still.placed, fitted, varies)
+    return Shape(location, recording.names, head, still.placed, fitted, varies)
 
 
-def check_layout(recording: MarkerTracks, layout: Layout, place: Place) -> Iterator[Finding]:
-    """Find markers of the layout that are missing, and others that it does not know."""
+def check_layout(recording: MarkerTracks, layout: Layout, location: Location) -> Iterator[Finding]:
+    """Find markers of the layout that are missing, and others that it does not know.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    layout
+        The marker layout.
+    location
+        The file and the utterance.
+
+    Yields
+    ------
+    Finding
+        What is wrong.
+    """
     wanted = [marker.name for marker in layout.markers]
     lacking = [name for name in wanted if name not in recording.names]
     if lacking:
         yield Finding(
             "MF111",
-            Place(place.file, place.utterance, ", ".join(lacking)),
+            Location(location.file, location.utterance, ", ".join(lacking)),
             f"{len(lacking)} of {len(wanted)} are not there",
             f"the markers of the layout '{layout.name}'",
         )
@@ -83,7 +120,7 @@ def check_layout(recording: MarkerTracks, layout: Layout, place: Place) -> Itera
     if others:
         yield Finding(
             "MF112",
-            Place(place.file, place.utterance, ", ".join(others)),
+            Location(location.file, location.utterance, ", ".join(others)),
             f"{len(others)} markers",
             f"the markers of the layout '{layout.name}'",
         )
@@ -93,13 +130,32 @@ def check_head(
     recording: MarkerTracks,
     still: Stilled,
     head: Sequence[int],
-    place: Place,
+    location: Location,
     limits: Thresholds,
     varies: bool = False,
 ) -> Iterator[Finding]:
     """Find head markers that do not keep their distances, and one that has slipped.
 
-    Landmarks of a video (`varies`) are not glued on: they wander, and cannot slip.
+    Parameters
+    ----------
+    recording
+        The recording.
+    still
+        The recording without head motion.
+    head
+        Indices of the head markers.
+    location
+        The file and the utterance.
+    limits
+        What counts as wrong.
+    varies
+        Whether sizes vary, as those of landmarks of a video do; these are not glued on,
+        wander, and cannot slip.
+
+    Yields
+    ------
+    Finding
+        What is wrong.
     """
     rigid = limits.shape
     if len(head) < 3:
@@ -115,7 +171,7 @@ def check_head(
     if some.any() and unknown.sum() > rigid.pose_unknown * some.sum():
         yield Finding(
             "MF126",
-            at(place, recording, "head", find_runs(unknown)[0]),
+            locate(location, recording, "head", find_runs(unknown)[0]),
             f"in {unknown.sum() / some.sum():.0%} of the frames",
             f"at most {rigid.pose_unknown:.0%}",
         )
@@ -123,7 +179,7 @@ def check_head(
     if known.any() and np.median(residuals[known]) > rigid.rigid_residual:
         yield Finding(
             "MF124",
-            at(place, recording, "head"),
+            locate(location, recording, "head"),
             f"{np.median(residuals[known]):.2f} mm from their mean shape (median)",
             f"at most {rigid.rigid_residual} mm",
         )
@@ -132,15 +188,17 @@ def check_head(
     for column, run, off in find_slips(positions, recording.rate, limits.shape):
         yield Finding(
             "MF125",
-            at(place, recording, recording.names[head[column]], run),
+            locate(location, recording, recording.names[head[column]], run),
             f"{off:.1f} mm from where the others have it",
             f"less than {rigid.slip_distance} mm",
-            evidence=evidence(recording, recording.names, still.positions, [head[column]], run),
+            evidence=collect_evidence(
+                recording, recording.names, still.positions, [head[column]], run
+            ),
         )
 
 
 def check_sessions(members: Sequence[Shape], limits: Thresholds) -> Iterator[Finding]:
-    """Find recordings whose unit, axes or markers' places are wrong.
+    """Find recordings whose unit, axes or positions of markers are wrong.
 
     Parameters
     ----------
@@ -148,14 +206,19 @@ def check_sessions(members: Sequence[Shape], limits: Thresholds) -> Iterator[Fin
         The recordings of one speaker and session.
     limits
         What counts as wrong.
+
+    Yields
+    ------
+    Finding
+        What is wrong.
     """
     upright = [m for m in members if not (m.against_layout and m.against_layout.mirrored)]
-    middle = _session_shape(upright, limits)
+    middle = _estimate_session_shape(upright, limits)
     for member in members:
-        yield from _size(member, middle, limits)
-        yield from _axes(member, middle, limits)
+        yield from _check_size(member, middle, limits)
+        yield from _check_axes(member, middle, limits)
         if middle is not None and not (member.against_layout and member.against_layout.mirrored):
-            yield from _places(member, middle, limits)
+            yield from _check_positions(member, middle, limits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,51 +231,51 @@ class _Session:
     centre: FloatArray
 
 
-def _in_order(member: Shape, names: Sequence[str]) -> FloatArray:
+def _order_points(member: Shape, names: Sequence[str]) -> FloatArray:
     rows = dict(zip(member.names, member.placed, strict=True))
     return np.array([rows.get(name, np.full(3, np.nan)) for name in names])
 
 
-def _session_shape(members: Sequence[Shape], limits: Thresholds) -> _Session | None:
+def _estimate_session_shape(members: Sequence[Shape], limits: Thresholds) -> _Session | None:
     if len(members) < _FEWEST:
         return None
     names = tuple(dict.fromkeys(chain.from_iterable(member.names for member in members)))
-    placed = np.array([_in_order(member, names) for member in members])
+    placed = np.array([_order_points(member, names) for member in members])
     # The pose that is nearest to all others; single recordings turned otherwise do not count.
     base = placed[int(np.argmax((~np.isnan(placed[:, :, 0])).sum(axis=1)))]
     aligned = placed
     rotations = []
     for _ in range(2):
-        fits = [shapes.lay_on(one, base, limits.shape.mirror_gain, True) for one in placed]
+        fits = [shapes.align_shapes(one, base, limits.shape.mirror_gain, True) for one in placed]
         rotations = [None if f is None or f.mirrored else f.matrix for f in fits]
         aligned = np.full(placed.shape, np.nan)
         for row, (one, fit) in enumerate(zip(placed, fits, strict=True)):
             if fit is not None and not fit.mirrored:
-                aligned[row] = _moved(one, fit, base)
+                aligned[row] = _align(one, fit, base)
         base = compute_median(aligned)
     usable = [r for r in rotations if r is not None]
     if len(usable) < _FEWEST:
         return None
-    angles = [sum(_angle(one @ other.T) for other in usable) for one in usable]
+    angles = [sum(_compute_angle(one @ other.T) for other in usable) for one in usable]
     usual = usable[int(np.argmin(angles))]
-    sizes = np.array([_spread(one) for one in placed])
+    sizes = np.array([_compute_size(one) for one in placed])
     # `base` has the size of the recording that came first: give it the session's.
     centre = compute_median(np.array([compute_median(one) for one in placed]))
     shape = (base - compute_median(base)) @ usual
-    shape = shape * float(np.nanmedian(sizes) / _spread(shape)) + centre
+    shape = shape * float(np.nanmedian(sizes) / _compute_size(shape)) + centre
     differences = np.linalg.norm(aligned - base, axis=2)
     return _Session(names, shape, compute_median(differences), centre)
 
 
-def _spread(points: FloatArray) -> float:
+def _compute_size(points: FloatArray) -> float:
     return float(np.sqrt((compute_spread(points) ** 2).sum()))
 
 
-def _angle(matrix: FloatArray) -> float:
+def _compute_angle(matrix: FloatArray) -> float:
     return float(np.degrees(np.arccos(np.clip((np.trace(matrix) - 1) / 2, -1.0, 1.0))))
 
 
-def _moved(points: FloatArray, fit: Fitted, target: FloatArray) -> FloatArray:
+def _align(points: FloatArray, fit: Fitted, target: FloatArray) -> FloatArray:
     """Points laid on the target as the fit says, by the points whose distances are small."""
     turned = fit.scale * points @ fit.matrix.T
     usual = max(1.5 * float(np.nanmedian(fit.distances)), 1e-9)
@@ -222,7 +285,7 @@ def _moved(points: FloatArray, fit: Fitted, target: FloatArray) -> FloatArray:
     return np.asarray(turned + shift)
 
 
-def _unit(ratio: float) -> str:
+def _guess_unit(ratio: float) -> str:
     for factor, unit in _UNITS.items():
         for value, words in (
             (ratio * factor, f"it seems to be in {unit}, read as millimetres"),
@@ -233,7 +296,7 @@ def _unit(ratio: float) -> str:
     return ""
 
 
-def _size(member: Shape, middle: _Session | None, limits: Thresholds) -> Iterator[Finding]:
+def _check_size(member: Shape, middle: _Session | None, limits: Thresholds) -> Iterator[Finding]:
     rules = limits.shape
     extent = np.ptp(member.placed[~np.isnan(member.placed[:, 0])], axis=0)
     height = float(extent.max())
@@ -242,56 +305,56 @@ def _size(member: Shape, middle: _Session | None, limits: Thresholds) -> Iterato
         if not rules.smallest_face <= ratio <= rules.largest_face:
             yield Finding(
                 "MF121",
-                member.place,
+                member.location,
                 f"markers reach over {height / 1000:.3g} m, {ratio:.3g} times the layout's face"
-                f"{_unit(ratio)}",
+                f"{_guess_unit(ratio)}",
                 f"{rules.smallest_face:g} to {rules.largest_face:g} times",
             )
             return
     elif not rules.smallest_extent <= height <= rules.largest_extent:
         yield Finding(
             "MF121",
-            member.place,
+            member.location,
             f"markers reach over {height:.4g} mm",
             f"{rules.smallest_extent:g} to {rules.largest_extent:g} mm",
         )
         return
     if middle is None:
         return
-    ratio = _spread(_in_order(member, middle.names)) / _spread(middle.shape)
-    complete = np.isnan(_in_order(member, middle.names)[:, 0]).sum() <= 0.2 * len(middle.names)
+    ratio = _compute_size(_order_points(member, middle.names)) / _compute_size(middle.shape)
+    complete = np.isnan(_order_points(member, middle.names)[:, 0]).sum() <= 0.2 * len(middle.names)
     allowed = rules.size_in_session_video if member.varies else rules.size_in_session
     if complete and abs(ratio - 1) > allowed:
         yield Finding(
             "MF121",
-            member.place,
-            f"{ratio:.3g} times the size of the session's other recordings{_unit(ratio)}",
+            member.location,
+            f"{ratio:.3g} times the size of the session's other recordings{_guess_unit(ratio)}",
             f"within {allowed:.0%} of it",
         )
 
 
-def _axes(member: Shape, middle: _Session | None, limits: Thresholds) -> Iterator[Finding]:
+def _check_axes(member: Shape, middle: _Session | None, limits: Thresholds) -> Iterator[Finding]:
     against = member.against_layout
     if middle is None:
         if against is not None and against.mirrored:
             yield Finding(
                 "MF122",
-                member.place,
-                f"a face's mirror image ({shapes.directions(against.matrix)})",
+                member.location,
+                f"a face's mirror image ({shapes.describe_directions(against.matrix)})",
                 "axes of a right hand, and the speaker's own left and right",
                 advice="Turn an axis round, exchange two axes, or exchange the names of left and "
                 "right: the recording alone does not tell which.",
             )
         return
-    here = _in_order(member, middle.names)
-    fit = shapes.lay_on(middle.shape, here, limits.shape.mirror_gain, True)
+    here = _order_points(member, middle.names)
+    fit = shapes.align_shapes(middle.shape, here, limits.shape.mirror_gain, True)
     if fit is None:
         return
     if fit.mirrored:
-        kind, words = shapes.in_words(fit.matrix)
+        kind, words = shapes.describe_axes(fit.matrix)
         # Exchanged names leave the head where it was; a reversed axis does not.
         centre = compute_median(here)
-        size = _spread(middle.shape)
+        size = _compute_size(middle.shape)
         there = np.linalg.norm(centre - middle.centre)
         moved = np.linalg.norm(centre - fit.scale * fit.matrix @ middle.centre)
         if kind == "reversed" and there < moved and there < 2 * size:
@@ -299,15 +362,15 @@ def _axes(member: Shape, middle: _Session | None, limits: Thresholds) -> Iterato
         code = "MF122" if kind in ("same", "reversed") else "MF123"
         yield Finding(
             code,
-            member.place,
+            member.location,
             f"against the session's other recordings, {words}",
             "the same axes and names",
         )
-    elif (angle := _angle(fit.matrix)) > limits.shape.turned:
-        _, words = shapes.in_words(fit.matrix)
+    elif (angle := _compute_angle(fit.matrix)) > limits.shape.turned:
+        _, words = shapes.describe_axes(fit.matrix)
         yield Finding(
             "MF123",
-            member.place,
+            member.location,
             f"the head is turned by {angle:.0f} degrees against the session's other recordings "
             f"({words})",
             f"at most {limits.shape.turned:g} degrees",
@@ -315,31 +378,33 @@ def _axes(member: Shape, middle: _Session | None, limits: Thresholds) -> Iterato
     elif against is not None and against.mirrored:
         yield Finding(
             "MF122",
-            member.place,
-            f"a face's mirror image ({shapes.directions(against.matrix)})",
+            member.location,
+            f"a face's mirror image ({shapes.describe_directions(against.matrix)})",
             "axes of a right hand, and the speaker's own left and right",
         )
 
 
-def _places(member: Shape, middle: _Session, limits: Thresholds) -> Iterator[Finding]:
+def _check_positions(member: Shape, middle: _Session, limits: Thresholds) -> Iterator[Finding]:
     rules = limits.shape
-    here = _in_order(member, middle.names)
+    here = _order_points(member, middle.names)
     head = [k for k, name in enumerate(middle.names) if name in member.head]
     slipped: set[int] = set()
     if len(head) >= 4:
-        found = _odd_one(middle.shape[head], here[head], rules.slip_in_session, member.varies)
-        if found is not None:
-            slipped.add(head[found[0]])
+        odd = _find_odd_one(middle.shape[head], here[head], rules.slip_in_session, member.varies)
+        if odd is not None:
+            slipped.add(head[odd[0]])
             yield Finding(
                 "MF125",
-                Place(member.place.file, member.place.utterance, middle.names[head[found[0]]]),
-                f"{found[1]:.1f} mm from where the session's other recordings have it",
+                Location(
+                    member.location.file, member.location.utterance, middle.names[head[odd[0]]]
+                ),
+                f"{odd[1]:.1f} mm from where the session's other recordings have it",
                 f"at most {rules.slip_in_session} mm",
             )
-    fit = shapes.lay_on(here, middle.shape, rules.mirror_gain, True)
+    fit = shapes.align_shapes(here, middle.shape, rules.mirror_gain, True)
     if fit is None or fit.mirrored:
         return
-    moved = _moved(here, fit, middle.shape)
+    moved = _align(here, fit, middle.shape)
     off = np.linalg.norm(moved - middle.shape, axis=1)
     limit = np.maximum(rules.moved_in_session, rules.moved_factor * middle.differences)
     # Two that have each other's places need not be far apart.
@@ -357,7 +422,7 @@ def _places(member: Shape, middle: _Session, limits: Thresholds) -> Iterator[Fin
             names = f"{middle.names[k]} and {middle.names[other]}"
             yield Finding(
                 "MF106",
-                Place(member.place.file, member.place.utterance, names),
+                Location(member.location.file, member.location.utterance, names),
                 "each is where the session's other recordings have the other one, throughout",
                 "each its own",
             )
@@ -366,16 +431,16 @@ def _places(member: Shape, middle: _Session, limits: Thresholds) -> Iterator[Fin
             continue
         yield Finding(
             "MF127",
-            Place(member.place.file, member.place.utterance, middle.names[k]),
+            Location(member.location.file, member.location.utterance, middle.names[k]),
             f"{off[k]:.1f} mm from where the session's other recordings have it",
             f"at most {limit[k]:.1f} mm",
         )
 
 
-def _odd_one(
+def _find_odd_one(
     usual: FloatArray, here: FloatArray, limit: float, scaled: bool
 ) -> tuple[int, float] | None:
-    """The point that has moved against the others, and how far."""
+    """Return the point that has moved against the others, and how far."""
     there = np.flatnonzero(~(np.isnan(usual[:, 0]) | np.isnan(here[:, 0])))
     if len(there) < 4:
         return None

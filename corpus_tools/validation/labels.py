@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from corpus_tools.validation.findings import Evidence, Finding, Place
+from corpus_tools.validation.findings import Evidence, Finding, Location
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.labels import Label, Labels, Tier, find_label_faults
 from mocap_fit.phones import PhoneSet
@@ -30,9 +30,9 @@ class Loudness:
     Parameters
     ----------
     times
-        `(points,)`, seconds.
+        Times, ``(points,)``, seconds.
     energy_db
-        `(points,)`, decibels.
+        Energy, ``(points,)``, decibels.
     """
 
     times: FloatArray
@@ -40,19 +40,19 @@ class Loudness:
 
 
 @dataclass(frozen=True, eq=False)
-class Around:
+class Surroundings:
     """What labels are compared with.
 
     Parameters
     ----------
     phone_set
-        None where it is not known.
+        The phone set; None where it is not known.
     recorded
         First and last time of the recording, seconds; None without one.
     sound_end
-        Seconds; None without a sound.
+        End of the sound, seconds; None without a sound.
     loudness
-        Of the sound; None without one.
+        Loudness of the sound; None without one.
     """
 
     phone_set: PhoneSet | None = None
@@ -62,7 +62,7 @@ class Around:
 
 
 def check_phone_tier(
-    tier: Tier, around: Around, place: Place, limits: Thresholds
+    tier: Tier, around: Surroundings, location: Location, limits: Thresholds
 ) -> Iterator[Finding]:
     """Find what is wrong with the labels of an utterance's phones.
 
@@ -72,39 +72,46 @@ def check_phone_tier(
         Intervals, in the order of the file.
     around
         What they are compared with.
-    place
-        The file, and the utterance.
+    location
+        The file and the utterance.
     limits
         What counts as wrong.
+
+    Yields
+    ------
+    Finding
+        What is wrong.
     """
     if tier.kind != "interval" or not any(entry.text.strip() for entry in tier.entries):
-        yield Finding("MF210", place, f"{len(tier.entries)} labels, none with a symbol", "phones")
+        yield Finding(
+            "MF210", location, f"{len(tier.entries)} labels, none with a symbol", "phones"
+        )
         return
-    yield from _times(tier, place, limits)
-    yield from _symbols(tier, around, place)
-    yield from _durations(tier, around, place, limits)
-    yield from _extent(tier, around, place, limits)
+    yield from _check_times(tier, location, limits)
+    yield from _check_symbols(tier, around, location)
+    yield from _check_durations(tier, around, location, limits)
+    yield from _check_extent(tier, around, location, limits)
     if around.loudness is not None and around.phone_set is not None:
-        yield from _loud_silences(tier, around.phone_set, around.loudness, place, limits)
+        yield from _check_silences(tier, around.phone_set, around.loudness, location, limits)
 
 
-def _at(place: Place, text: str, start: float, end: float) -> Place:
-    return Place(place.file, place.utterance, text, None, (start, end))
+def _locate(location: Location, text: str, start: float, end: float) -> Location:
+    return Location(location.file, location.utterance, text, None, (start, end))
 
 
-def _times(tier: Tier, place: Place, limits: Thresholds) -> Iterator[Finding]:
+def _check_times(tier: Tier, location: Location, limits: Thresholds) -> Iterator[Finding]:
     entries = tier.entries
     start = min(entry.start for entry in entries)
     end = max(entry.end for entry in entries)
     for fault in find_label_faults(Labels((tier,), start, end)):
         code = _CODES.get(fault.kind)
         length = fault.end - fault.start
-        where = _at(place, fault.text or "(empty)", fault.start, fault.end)
+        where = _locate(location, fault.text or "(empty)", fault.start, fault.end)
         if fault.kind == "gap" and fault.entry and length > limits.labels.gap:
             before = entries[fault.entry - 1].text
             yield Finding(
                 "MF205",
-                _at(place, f"between {before} and {fault.text}", fault.start, fault.end),
+                _locate(location, f"between {before} and {fault.text}", fault.start, fault.end),
                 f"nothing is labelled for {length:.3f} s",
                 f"less than {limits.labels.gap} s",
             )
@@ -119,20 +126,20 @@ def _times(tier: Tier, place: Place, limits: Thresholds) -> Iterator[Finding]:
             )
 
 
-def _symbols(tier: Tier, around: Around, place: Place) -> Iterator[Finding]:
+def _check_symbols(tier: Tier, around: Surroundings, location: Location) -> Iterator[Finding]:
     phones = around.phone_set
     if phones is None:
         return
-    unknown: dict[str, list[Label]] = {}
+    describe_unknown: dict[str, list[Label]] = {}
     for entry in tier.entries:
         if phones.parse(entry.text) is None:
-            unknown.setdefault(entry.text, []).append(entry)
-    for text, entries in unknown.items():
+            describe_unknown.setdefault(entry.text, []).append(entry)
+    for text, entries in describe_unknown.items():
         first = entries[0]
         more = f", {len(entries)} times" if len(entries) > 1 else ""
         yield Finding(
             "MF207",
-            _at(place, text, first.start, first.end),
+            _locate(location, text, first.start, first.end),
             f"'{text}'{more}",
             f"a symbol of '{phones.name}'",
         )
@@ -148,12 +155,14 @@ def _is_silence(entry: Label, phones: PhoneSet | None) -> bool:
     return phones.is_silence(parsed[0])
 
 
-def _durations(tier: Tier, around: Around, place: Place, limits: Thresholds) -> Iterator[Finding]:
+def _check_durations(
+    tier: Tier, around: Surroundings, location: Location, limits: Thresholds
+) -> Iterator[Finding]:
     for entry in tier.entries:
         length = entry.end - entry.start
         if length <= 0 or _is_silence(entry, around.phone_set):
             continue
-        where = _at(place, entry.text, entry.start, entry.end)
+        where = _locate(location, entry.text, entry.start, entry.end)
         if length > limits.labels.longest_phone:
             yield Finding(
                 "MF208", where, f"{length:.3f} s", f"at most {limits.labels.longest_phone} s"
@@ -164,7 +173,9 @@ def _durations(tier: Tier, around: Around, place: Place, limits: Thresholds) -> 
             )
 
 
-def _extent(tier: Tier, around: Around, place: Place, limits: Thresholds) -> Iterator[Finding]:
+def _check_extent(
+    tier: Tier, around: Surroundings, location: Location, limits: Thresholds
+) -> Iterator[Finding]:
     entries = [entry for entry in tier.entries if entry.end > entry.start]
     if not entries:
         return
@@ -179,14 +190,14 @@ def _extent(tier: Tier, around: Around, place: Place, limits: Thresholds) -> Ite
     if beyond:
         yield Finding(
             "MF204",
-            _at(place, _listed(beyond), beyond[0].start, end),
+            _locate(location, _format_entries(beyond), beyond[0].start, end),
             f"{len(beyond)} labels, until {end:.3f} s",
             f"the {what} ends at {reach:.3f} s",
         )
     if start < -rules.end:
         yield Finding(
             "MF204",
-            _at(place, entries[0].text, start, 0.0),
+            _locate(location, entries[0].text, start, 0.0),
             f"labels from {start:.3f} s",
             "none before 0 s",
         )
@@ -202,34 +213,34 @@ def _extent(tier: Tier, around: Around, place: Place, limits: Thresholds) -> Ite
     if outside:
         yield Finding(
             "MF212",
-            _at(place, _listed(outside), outside[0].start, outside[-1].end),
+            _locate(location, _format_entries(outside), outside[0].start, outside[-1].end),
             f"{len(outside)} phones",
             f"frames from {recorded[0]:.3f} to {recorded[1]:.3f} s",
         )
-    whole = recorded[1] - recorded[0]
+    duration = recorded[1] - recorded[0]
     inside = sum(max(0.0, min(e.end, recorded[1]) - max(e.start, recorded[0])) for e in entries)
-    if whole > 0 and inside < rules.covered * whole:
+    if duration > 0 and inside < rules.covered * duration:
         yield Finding(
             "MF206",
-            _at(place, "", start, end),
-            f"{inside:.2f} of {whole:.2f} s are labelled",
+            _locate(location, "", start, end),
+            f"{inside:.2f} of {duration:.2f} s are labelled",
             f"{rules.covered:.0%} or more",
         )
 
 
-def _listed(entries: Sequence[Label]) -> str:
+def _format_entries(entries: Sequence[Label]) -> str:
     texts = [entry.text or "(empty)" for entry in entries[:_SHOWN]]
     return ", ".join(texts) + (" …" if len(entries) > _SHOWN else "")
 
 
-def _loud_silences(
-    tier: Tier, phones: PhoneSet, loudness: Loudness, place: Place, limits: Thresholds
+def _check_silences(
+    tier: Tier, phones: PhoneSet, loudness: Loudness, location: Location, limits: Thresholds
 ) -> Iterator[Finding]:
     times, energy = loudness.times, loudness.energy_db
     silent = np.zeros(len(times), dtype=bool)
     spoken = np.zeros(len(times), dtype=bool)
     silences: list[Label] = []
-    merged = _merged(tier.entries, phones)
+    merged = _merge_silences(tier.entries, phones)
     for entry, quiet in merged:
         inside = (times >= entry.start) & (times < entry.end)
         if quiet:
@@ -241,8 +252,8 @@ def _loud_silences(
         return
     # Speech's level over its vowels; the quietest of the silences is the room.
     speech = float(np.median(energy[spoken]))
-    room = float(np.quantile(energy[silent], 0.1))
-    if speech - room < 2 * limits.labels.loud_silence:
+    noise = float(np.quantile(energy[silent], 0.1))
+    if speech - noise < 2 * limits.labels.loud_silence:
         return
     limit = speech - limits.labels.loud_silence
     step = float(times[1] - times[0]) if len(times) > 1 else 0.0
@@ -256,15 +267,15 @@ def _loud_silences(
             around = (times >= entry.start - 0.2) & (times < entry.end + 0.2)
             yield Finding(
                 "MF211",
-                _at(place, entry.text or "(empty)", entry.start, entry.end),
+                _locate(location, entry.text or "(empty)", entry.start, entry.end),
                 f"{float(np.max(energy[loud])):.0f} dB, for {loud.sum() * step:.2f} s above "
                 f"{limit:.0f} dB",
-                f"silence; speech has {speech:.0f} dB, the room {room:.0f} dB",
+                f"silence; speech has {speech:.0f} dB, the room {noise:.0f} dB",
                 evidence=Evidence(times[around], {"energy": energy[around]}, "dB"),
             )
 
 
-def _merged(entries: Sequence[Label], phones: PhoneSet) -> list[tuple[Label, bool]]:
+def _merge_silences(entries: Sequence[Label], phones: PhoneSet) -> list[tuple[Label, bool]]:
     """Labels with neighbouring silences as one."""
     result = []
     for quiet, group in itertools.groupby(entries, key=lambda entry: _is_silence(entry, phones)):

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from corpus_tools.validation.exchanges import Exchange, find_exchanges, previous
-from corpus_tools.validation.findings import Evidence, Finding, Place
+from corpus_tools.validation.exchanges import Exchange, find_exchanges, find_previous
+from corpus_tools.validation.findings import Evidence, Finding, Location
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.tracks import FloatArray, MarkerTracks, Origin, count_gaps
 from mocap_fit.tracks.interpolation import find_runs
@@ -18,35 +18,52 @@ _MARGIN = 25
 
 
 def check_markers(
-    recording: MarkerTracks, still: FloatArray | None, place: Place, limits: Thresholds
+    recording: MarkerTracks, still: FloatArray | None, location: Location, limits: Thresholds
 ) -> Iterator[Finding]:
     """Find what is wrong with single markers of a recording.
 
     Parameters
     ----------
     recording
-        In any coordinates.
+        The recording, in any coordinates.
     still
-        `(frames, markers, 3)`: the same without head motion; None where no pose is known.
-    place
-        The file, and the utterance.
+        Positions without head motion, ``(frames, markers, 3)``, millimetres; None where no
+        pose is known.
+    location
+        The file and the utterance.
     limits
         What counts as wrong.
+
+    Yields
+    ------
+    Finding
+        What is wrong.
     """
-    yield from _gaps(recording, place, limits)
+    yield from _check_gaps(recording, location, limits)
     stuck = np.zeros(recording.visible.shape, dtype=bool)
-    yield from _stuck(recording, place, limits, stuck)
-    yield from _same_place(recording, place, limits)
+    yield from _check_stuck(recording, location, limits, stuck)
+    yield from _check_coincident(recording, location, limits)
     if still is not None:
         # Where a marker is stuck, it jumps back at the end: that is said already.
         moving = np.where(stuck[:, :, None], np.nan, still)
-        yield from _movement(recording, moving, place, limits)
+        yield from _check_movement(recording, moving, location, limits)
 
 
 def mend_head(
-    recording: MarkerTracks, head: Sequence[int], place: Place, limits: Thresholds
+    recording: MarkerTracks, head: Sequence[int], location: Location, limits: Thresholds
 ) -> tuple[MarkerTracks, list[Finding]]:
-    """Find head markers that have exchanged their names, before a pose is found by them.
+    """Find head markers that have exchanged their names, before a pose is estimated from them.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    head
+        Indices of the head markers.
+    location
+        The file and the utterance.
+    limits
+        What counts as wrong.
 
     Returns
     -------
@@ -61,79 +78,121 @@ def mend_head(
     exchanges, mended = find_exchanges(positions, recording.rate, limits.markers)
     if not exchanges:
         return recording, []
-    whole = recording.positions.copy()
-    whole[:, list(head)] = mended
-    origin = np.where(np.isnan(whole[:, :, 0]), Origin.MISSING, Origin.MEASURED)
+    corrected = recording.positions.copy()
+    corrected[:, list(head)] = mended
+    origin = np.where(np.isnan(corrected[:, :, 0]), Origin.MISSING, Origin.MEASURED)
     names = [recording.names[k] for k in head]
-    found = list(_exchanged(recording, names, positions, exchanges, place))
-    return recording.replace(positions=whole, origin=origin.astype(np.uint8)), found
+    findings = list(_describe_exchanges(recording, names, positions, exchanges, location))
+    return recording.replace(positions=corrected, origin=origin.astype(np.uint8)), findings
 
 
-def _exchanged(
+def _describe_exchanges(
     recording: MarkerTracks,
     names: Sequence[str],
     positions: FloatArray,
     exchanges: Sequence[Exchange],
-    place: Place,
+    location: Location,
 ) -> Iterator[Finding]:
     for exchange in exchanges:
         run = slice(exchange.first, exchange.last + 1)
         yield Finding(
             "MF106",
-            at(place, recording, " and ".join(names[k] for k in exchange.markers), run),
+            locate(location, recording, " and ".join(names[k] for k in exchange.markers), run),
             f"they continue each other's tracks for {run.stop - run.start} frames",
             "each its own",
-            evidence=evidence(recording, names, positions, exchange.markers, run),
+            evidence=collect_evidence(recording, names, positions, exchange.markers, run),
         )
 
 
-def at(place: Place, recording: MarkerTracks, item: str, run: slice | None = None) -> Place:
-    """The place of a marker, and of a run of frames."""
+def locate(
+    location: Location, recording: MarkerTracks, item: str, run: slice | None = None
+) -> Location:
+    """Return the location of a marker, and of a run of frames.
+
+    Parameters
+    ----------
+    location
+        The file and the utterance.
+    recording
+        The recording.
+    item
+        The marker.
+    run
+        The frames; None for all.
+
+    Returns
+    -------
+    Location
+        The location.
+    """
     if run is None:
-        return Place(place.file, place.utterance, item)
+        return Location(location.file, location.utterance, item)
     first, last = run.start, run.stop - 1
     start = recording.start_time
     seconds = (start + first / recording.rate, start + last / recording.rate)
-    return Place(place.file, place.utterance, item, (first, last), seconds)
+    return Location(location.file, location.utterance, item, (first, last), seconds)
 
 
-def evidence(
+def collect_evidence(
     recording: MarkerTracks,
     names: Sequence[str],
     positions: FloatArray,
     members: Sequence[int],
     run: slice,
 ) -> Evidence:
-    """The coordinates of some markers about a run of frames, from where each is in the middle."""
+    """Collect the coordinates of some markers about a run of frames.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    names
+        Names of the markers.
+    positions
+        Positions, ``(frames, markers, 3)``, millimetres.
+    members
+        Indices of the markers that are shown.
+    run
+        The frames.
+
+    Returns
+    -------
+    Evidence
+        Curves with some frames on each side.
+    """
     part = slice(max(0, run.start - _MARGIN), min(len(positions), run.stop + _MARGIN))
     times = recording.times[part]
     single = len(members) == 1
     curves = {}
     for member in members:
         track = positions[part, member]
-        axes = range(3) if single else [_liveliest(positions[part][:, list(members)])]
+        axes = range(3) if single else [_choose_axis(positions[part][:, list(members)])]
         for axis in axes:
             curves[f"{names[member]} {'xyz'[axis]}"] = track[:, axis]
     return Evidence(times, curves, "mm")
 
 
-def _liveliest(positions: FloatArray) -> int:
-    """The coordinate in which the markers are farthest apart."""
+def _choose_axis(positions: FloatArray) -> int:
+    """Return the coordinate in which the markers are farthest apart."""
     filled = np.where(np.isnan(positions), 0.0, positions)
     return int(np.argmax(np.ptp(filled, axis=1).mean(axis=0)))
 
 
-def _gaps(recording: MarkerTracks, place: Place, limits: Thresholds) -> Iterator[Finding]:
+def _check_gaps(
+    recording: MarkerTracks, location: Location, limits: Thresholds
+) -> Iterator[Finding]:
     empty = np.asarray(~recording.visible.any(axis=1))
     for run in find_runs(empty):
         if run.stop - run.start >= limits.markers.empty_frames:
-            yield Finding("MF109", at(place, recording, "", run), f"{run.stop - run.start} frames")
+            yield Finding(
+                "MF109", locate(location, recording, "", run), f"{run.stop - run.start} frames"
+            )
     seen = recording.replace(positions=recording.positions[~empty], origin=recording.origin[~empty])
     if not seen.frames:
-        yield Finding("MF103", at(place, recording, "all"), "no sample of any marker")
+        yield Finding("MF103", locate(location, recording, "all"), "no sample of any marker")
         return
     for marker in count_gaps(seen).markers:
-        where = at(place, recording, marker.name)
+        where = locate(location, recording, marker.name)
         if marker.missing == seen.frames:
             yield Finding("MF103", where, "no sample")
             continue
@@ -149,14 +208,14 @@ def _gaps(recording: MarkerTracks, place: Place, limits: Thresholds) -> Iterator
             run = max(find_runs(hidden), key=lambda run: run.stop - run.start)
             yield Finding(
                 "MF102",
-                at(place, recording, marker.name, run),
+                locate(location, recording, marker.name, run),
                 f"missing for {marker.longest_seconds:.2f} s",
                 f"at most {limits.markers.longest_gap} s",
             )
 
 
-def _stuck(
-    recording: MarkerTracks, place: Place, limits: Thresholds, mask: NDArray[np.bool_]
+def _check_stuck(
+    recording: MarkerTracks, location: Location, limits: Thresholds, mask: NDArray[np.bool_]
 ) -> Iterator[Finding]:
     """Markers that are stuck; the mask `(frames, markers)` is set where they are."""
     positions = recording.positions
@@ -172,7 +231,7 @@ def _stuck(
         first = int(np.argmax(copies)) + 1
         yield Finding(
             "MF110",
-            at(place, recording, "", slice(first, first + 1)),
+            locate(location, recording, "", slice(first, first + 1)),
             f"{int(copies.sum())} of {recording.frames} frames are copies of the one before",
             f"at most {limits.markers.repeated_share:.0%}",
         )
@@ -185,14 +244,18 @@ def _stuck(
                 mask[stuck, marker] = True
                 yield Finding(
                     "MF105",
-                    at(place, recording, name, stuck),
+                    locate(location, recording, name, stuck),
                     f"exactly one place for {stuck.stop - stuck.start} frames",
                     "a marker that moves with the others",
-                    evidence=evidence(recording, recording.names, positions, [marker], stuck),
+                    evidence=collect_evidence(
+                        recording, recording.names, positions, [marker], stuck
+                    ),
                 )
 
 
-def _same_place(recording: MarkerTracks, place: Place, limits: Thresholds) -> Iterator[Finding]:
+def _check_coincident(
+    recording: MarkerTracks, location: Location, limits: Thresholds
+) -> Iterator[Finding]:
     step = max(1, recording.frames // 200)
     sample = recording.positions[::step]
     for marker in range(len(recording.names) - 1):
@@ -205,34 +268,36 @@ def _same_place(recording: MarkerTracks, place: Place, limits: Thresholds) -> It
             distance = float(np.nanmedian(apart[:, other]))
             yield Finding(
                 "MF108",
-                at(place, recording, names),
+                locate(location, recording, names),
                 f"{distance:.2g} mm apart",
                 f"more than {limits.markers.same_place} mm",
             )
 
 
-def _movement(
-    recording: MarkerTracks, still: FloatArray, place: Place, limits: Thresholds
+def _check_movement(
+    recording: MarkerTracks, still: FloatArray, location: Location, limits: Thresholds
 ) -> Iterator[Finding]:
     exchanges, mended = find_exchanges(still, recording.rate, limits.markers)
-    yield from _exchanged(recording, recording.names, still, exchanges, place)
+    yield from _describe_exchanges(recording, recording.names, still, exchanges, location)
     spikes = np.zeros(mended.shape[:2], dtype=bool)
     for marker, name in enumerate(recording.names):
-        for run, height in _spikes(mended[:, marker], recording.rate, limits):
+        for run, height in _find_spikes(mended[:, marker], recording.rate, limits):
             spikes[run, marker] = True
             yield Finding(
                 "MF104",
-                at(place, recording, name, run),
+                locate(location, recording, name, run),
                 f"{height:.1f} mm out and back",
                 f"less than {limits.markers.spike_size} mm, or slower",
-                evidence=evidence(recording, recording.names, mended, [marker], run),
+                evidence=collect_evidence(recording, recording.names, mended, [marker], run),
             )
     calm = np.where(spikes[:, :, None], np.nan, mended)
-    yield from _jumps(recording, calm, place, limits)
+    yield from _check_jumps(recording, calm, location, limits)
 
 
-def _spikes(track: FloatArray, rate: float, limits: Thresholds) -> Iterator[tuple[slice, float]]:
-    """Runs of frames in which a marker is out of its track, and how far, `(frames, 3)` given."""
+def _find_spikes(
+    track: FloatArray, rate: float, limits: Thresholds
+) -> Iterator[tuple[slice, float]]:
+    """Yield runs of frames in which a marker is off its track, and how far in millimetres."""
     marker = limits.markers
     seen = np.flatnonzero(~np.isnan(track[:, 0]))
     if len(seen) < 5:
@@ -256,17 +321,17 @@ def _spikes(track: FloatArray, rate: float, limits: Thresholds) -> Iterator[tupl
         limit = np.maximum(marker.spike_size, marker.spike_factor * usual)
         enter = np.linalg.norm(middle[0] - before, axis=1) * rate / (inside[0] - first)
         leave = np.linalg.norm(after - middle[-1], axis=1) * rate / (last - inside[-1])
-        found = (
+        findings = (
             (height > limit)
             & (np.minimum(enter, leave) > marker.spike_speed)
             & (np.linalg.norm(after - before, axis=1) < 0.5 * height)
             & (last - first <= length + 2 * bridge)
         )
-        for place in np.flatnonzero(found & ~wrong[1 : len(found) + 1]):
-            part = slice(place + 1, place + 1 + length)
+        for location in np.flatnonzero(findings & ~wrong[1 : len(findings) + 1]):
+            part = slice(location + 1, location + 1 + length)
             if not wrong[part].any():
                 wrong[part] = True
-                heights[part] = out[:, place]
+                heights[part] = out[:, location]
     frames = np.zeros(len(track), dtype=bool)
     frames[seen[wrong]] = True
     size = np.zeros(len(track))
@@ -275,11 +340,11 @@ def _spikes(track: FloatArray, rate: float, limits: Thresholds) -> Iterator[tupl
         yield run, float(size[run].max())
 
 
-def _jumps(
-    recording: MarkerTracks, positions: FloatArray, place: Place, limits: Thresholds
+def _check_jumps(
+    recording: MarkerTracks, positions: FloatArray, location: Location, limits: Thresholds
 ) -> Iterator[Finding]:
     marker = limits.markers
-    before, ago = previous(positions, max(1, round(marker.gap_bridged * recording.rate)))
+    before, ago = find_previous(positions, max(1, round(marker.gap_bridged * recording.rate)))
     steps = np.linalg.norm(positions - before, axis=2)
     for index, name in enumerate(recording.names):
         column: FloatArray = steps[:, index]
@@ -295,8 +360,8 @@ def _jumps(
             run = slice(int(frame), int(frame) + 1)
             yield Finding(
                 "MF107",
-                at(place, recording, name, run),
+                locate(location, recording, name, run),
                 f"{column[frame]:.1f} mm from one frame to the next",
                 f"less than {limit:.1f} mm",
-                evidence=evidence(recording, recording.names, positions, [index], run),
+                evidence=collect_evidence(recording, recording.names, positions, [index], run),
             )

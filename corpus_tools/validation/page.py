@@ -15,8 +15,8 @@ from corpus_tools.html_page import (
     format_table,
 )
 from corpus_tools.validation.findings import Finding, Severity
-from corpus_tools.validation.pictures import evidence_picture, overview
-from corpus_tools.validation.report import Report, by_code
+from corpus_tools.validation.pictures import draw_evidence, list_overviews
+from corpus_tools.validation.report import Report, group_by_code
 from mocap_fit.atomic_file import write_text
 from mocap_fit.drawing import save_figure
 
@@ -41,16 +41,17 @@ def write_page(report: Report, path: Path) -> None:
         If it cannot be written.
     """
     with tempfile.TemporaryDirectory() as folder:
-        text = format_page("What mocap-fit validate found", _parts(report, Path(folder)))
+        text = format_page("What mocap-fit validate found", _format_parts(report, Path(folder)))
     write_text(path, text, "page")
 
 
-def _parts(report: Report, folder: Path) -> Iterator[str]:
-    for line in report.checked:
-        yield format_paragraph(line)
-    colour = _COLOURS[Severity.NOTE] if report.clean else _COLOURS[Severity.ERROR]
-    yield f'<p style="font-size:1.1rem;color:{colour}"><b>{html.escape(report.verdict())}</b></p>'
-    groups = by_code(report.findings)
+def _format_parts(report: Report, folder: Path) -> Iterator[str]:
+    for format_row in report.checked:
+        yield format_paragraph(format_row)
+    colour = _COLOURS[Severity.NOTE] if report.is_clean else _COLOURS[Severity.ERROR]
+    verdict = html.escape(report.format_verdict())
+    yield f'<p style="font-size:1.1rem;color:{colour}"><b>{verdict}</b></p>'
+    groups = group_by_code(report.findings)
     if groups:
         yield format_heading("In short")
         yield format_table(
@@ -59,12 +60,12 @@ def _parts(report: Report, folder: Path) -> Iterator[str]:
         )
         yield format_heading("All findings")
     for first, members in groups:
-        yield _group(first, members)
+        yield _format_group(first, members)
         for number, finding in enumerate(f for f in members if f.evidence is not None):
             target = folder / f"{finding.severity.value}_{finding.code}_{number}.svg"
-            save_figure(target, evidence_picture, finding)
-            yield format_picture(target, f"{finding.code}, {finding.place}: {finding.found}")
-    figures = list(overview(report))
+            save_figure(target, draw_evidence, finding)
+            yield format_picture(target, f"{finding.code}, {finding.location}: {finding.found}")
+    figures = list(list_overviews(report))
     if figures:
         yield format_heading("What is usual")
     for number, (caption, draw) in enumerate(figures):
@@ -75,10 +76,10 @@ def _parts(report: Report, folder: Path) -> Iterator[str]:
     yield format_paragraph(
         "A file with some of these lines, given with `--thresholds`, changes what counts as wrong."
     )
-    yield _thresholds(report)
+    yield _format_thresholds(report)
 
 
-def _group(first: Finding, members: list[Finding]) -> str:
+def _format_group(first: Finding, members: list[Finding]) -> str:
     colour = _COLOURS[first.severity]
     head = (
         f'<summary style="margin:0.5rem 0"><b style="color:{colour}">{first.severity.value} '
@@ -86,20 +87,20 @@ def _group(first: Finding, members: list[Finding]) -> str:
     )
     rows = [
         (
-            finding.place.utterance,
-            finding.place.item,
-            "" if finding.place.frames is None else _span(finding.place.frames),
+            finding.location.utterance,
+            finding.location.item,
+            "" if finding.location.frames is None else _format_span(finding.location.frames),
             ""
-            if finding.place.seconds is None
-            else f"{finding.place.seconds[0]:.3f}–{finding.place.seconds[1]:.3f}",
+            if finding.location.seconds is None
+            else f"{finding.location.seconds[0]:.3f}–{finding.location.seconds[1]:.3f}",
             finding.found,
             finding.expected,
-            finding.place.file,
+            finding.location.file,
         )
         for finding in members[:_MOST_ROWS]
     ]
     header = ("utterance", "what", "frames", "seconds", "found", "expected", "file")
-    table = _table(header, rows)
+    table = _format_table(header, rows)
     more = ""
     if len(members) > _MOST_ROWS:
         more = format_paragraph(f"and {len(members) - _MOST_ROWS} more; `--json` has all.")
@@ -107,27 +108,26 @@ def _group(first: Finding, members: list[Finding]) -> str:
     return f"<details{opened}>{head}{format_paragraph(first.advice)}{table}{more}</details>"
 
 
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table of texts, without the columns that are empty."""
-    kept = [k for k in range(len(header)) if any(row[k] for row in rows)]
+def _format_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Format a table of texts, without the columns that are empty."""
+    columns = [k for k in range(len(header)) if any(row[k] for row in rows)]
 
-    def line(tag: str, cells: Sequence[str]) -> str:
-        return "".join(f"<{tag} class=text>{html.escape(cells[k])}</{tag}>" for k in kept)
+    def format_row(tag: str, cells: Sequence[str]) -> str:
+        return "".join(f"<{tag} class=text>{html.escape(cells[k])}</{tag}>" for k in columns)
 
-    body = "\n".join(f"<tr>{line('td', row)}</tr>" for row in rows)
-    return (
-        f"<table>\n<thead><tr>{line('th', header)}</tr></thead>\n<tbody>\n{body}\n</tbody></table>"
-    )
+    body = "\n".join(f"<tr>{format_row('td', row)}</tr>" for row in rows)
+    head = f"<thead><tr>{format_row('th', header)}</tr></thead>"
+    return f"<table>\n{head}\n<tbody>\n{body}\n</tbody></table>"
 
 
-def _span(frames: tuple[int, int]) -> str:
+def _format_span(frames: tuple[int, int]) -> str:
     return str(frames[0]) if frames[0] == frames[1] else f"{frames[0]}–{frames[1]}"
 
 
-def _thresholds(report: Report) -> str:
+def _format_thresholds(report: Report) -> str:
     rows = [
         (section, name, value)
-        for section, values in report.limits.as_record().items()
+        for section, values in report.limits.to_record().items()
         for name, value in values.items()
     ]
     table = format_table(("section", "name", "value"), rows)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from corpus_tools.validation.findings import Evidence, Finding, Place
+from corpus_tools.validation.findings import Evidence, Finding, Location
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.face import Rig
 from mocap_fit.labels import Label
@@ -23,7 +23,7 @@ def check_parameters(
     tracks: ParameterTracks,
     rig: Rig | None,
     varies: bool,
-    place: Place,
+    location: Location,
     limits: Thresholds,
 ) -> Iterator[Finding]:
     """Find what is wrong with the parameters of an utterance.
@@ -36,42 +36,66 @@ def check_parameters(
         The face that they are of; None where it is not known.
     varies
         Whether the markers are landmarks whose size varies.
-    place
-        The file, and the utterance.
+    location
+        The file and the utterance.
     limits
         What counts as wrong.
+
+    Yields
+    ------
+    Finding
+        What is wrong.
     """
     known = np.asarray(np.isfinite(tracks.values).all(axis=1))
     if not known.any():
-        yield Finding("MF305", place, f"{tracks.frames} frames, none fitted", "parameters")
+        yield Finding("MF305", location, f"{tracks.frames} frames, none fitted", "parameters")
         return
-    yield from _missing(tracks, known, place, limits)
-    yield from _residuals(tracks, varies, place, limits)
+    yield from _check_missing(tracks, known, location, limits)
+    yield from _residuals(tracks, varies, location, limits)
     bounds = np.full((len(tracks.names), 2), np.nan)
     if rig is not None and tuple(rig.parameter_names) == tracks.names:
         bounds = rig.bounds
-        yield from _bounds(tracks, bounds, place, limits)
-    yield from _movement(tracks, bounds, place, limits)
+        yield from _check_bounds(tracks, bounds, location, limits)
+    yield from _check_movement(tracks, bounds, location, limits)
 
 
-def at(place: Place, tracks: ParameterTracks, item: str, run: slice | None = None) -> Place:
-    """The place of a parameter, and of a run of frames."""
+def locate(
+    location: Location, tracks: ParameterTracks, item: str, run: slice | None = None
+) -> Location:
+    """Return the location of a parameter, and of a run of frames.
+
+    Parameters
+    ----------
+    location
+        The file and the utterance.
+    tracks
+        The parameters of the utterance.
+    item
+        The parameter.
+    run
+        The frames; None for all.
+
+    Returns
+    -------
+    Location
+        The location.
+    """
     if run is None:
-        return Place(place.file, place.utterance, item)
+        return Location(location.file, location.utterance, item)
     times = tracks.start_time + np.array([run.start, run.stop - 1]) / tracks.rate
     seconds = (float(times[0]), float(times[1]))
-    return Place(place.file, place.utterance, item, (run.start, run.stop - 1), seconds)
+    return Location(location.file, location.utterance, item, (run.start, run.stop - 1), seconds)
 
 
-def _picture(
+def _collect_evidence(
     tracks: ParameterTracks, curves: dict[str, FloatArray], run: slice, unit: str
 ) -> Evidence:
     part = slice(max(0, run.start - _MARGIN), run.stop + _MARGIN)
     return Evidence(tracks.times[part], {n: c[part] for n, c in curves.items()}, unit)
 
 
-def _missing(
-    tracks: ParameterTracks, known: NDArray[np.bool_], place: Place, limits: Thresholds
+def _check_missing(
+    tracks: ParameterTracks, known: NDArray[np.bool_], location: Location, limits: Thresholds
 ) -> Iterator[Finding]:
     rules = limits.parameters
     missing = find_runs(~known)
@@ -79,14 +103,14 @@ def _missing(
         if (run.stop - run.start) / tracks.rate > rules.missing_time:
             yield Finding(
                 "MF304",
-                at(place, tracks, "", run),
+                locate(location, tracks, "", run),
                 f"{run.stop - run.start} frames ({(run.stop - run.start) / tracks.rate:.2f} s)",
                 f"at most {rules.missing_time} s",
             )
     if (~known).mean() > rules.missing_share:
         yield Finding(
             "MF304",
-            at(place, tracks, "", missing[0]),
+            locate(location, tracks, "", missing[0]),
             f"in all {(~known).mean():.0%} of the frames",
             f"at most {rules.missing_share:.0%}",
         )
@@ -95,14 +119,14 @@ def _missing(
         if share > rules.undetermined_share:
             yield Finding(
                 "MF306",
-                at(place, tracks, name),
+                locate(location, tracks, name),
                 f"in {share:.0%} of the frames",
                 f"at most {rules.undetermined_share:.0%}",
             )
 
 
 def _residuals(
-    tracks: ParameterTracks, varies: bool, place: Place, limits: Thresholds
+    tracks: ParameterTracks, varies: bool, location: Location, limits: Thresholds
 ) -> Iterator[Finding]:
     rules = limits.parameters
     there = np.isfinite(tracks.residuals)
@@ -114,7 +138,7 @@ def _residuals(
         grave = median > rules.residual_error * allowed
         yield Finding(
             "MF301",
-            at(place, tracks, ""),
+            locate(location, tracks, ""),
             f"{median:.2f} mm (median over the utterance)",
             f"at most {allowed} mm",
             severity="error" if grave else None,  # type: ignore[arg-type]
@@ -127,15 +151,15 @@ def _residuals(
         if (run.stop - run.start) / tracks.rate >= rules.bad_frames_time:
             yield Finding(
                 "MF302",
-                at(place, tracks, "", run),
+                locate(location, tracks, "", run),
                 f"up to {np.max(tracks.residuals[run]):.1f} mm",
                 f"at most {limit:.1f} mm",
-                evidence=_picture(tracks, {"residual": tracks.residuals}, run, "mm"),
+                evidence=_collect_evidence(tracks, {"residual": tracks.residuals}, run, "mm"),
             )
 
 
-def _bounds(
-    tracks: ParameterTracks, bounds: FloatArray, place: Place, limits: Thresholds
+def _check_bounds(
+    tracks: ParameterTracks, bounds: FloatArray, location: Location, limits: Thresholds
 ) -> Iterator[Finding]:
     rules = limits.parameters
     for column, name in enumerate(tracks.names):
@@ -150,10 +174,10 @@ def _bounds(
                 extreme = float(np.nanmax(sign * values) * sign)
                 yield Finding(
                     "MF310",
-                    at(place, tracks, name, run),
+                    locate(location, tracks, name, run),
                     f"{extreme:.3g} in {int(beyond.sum())} frames",
                     f"{bounds[column, 0]:g} to {bounds[column, 1]:g}",
-                    evidence=_picture(tracks, {name: values}, run, "of the full gesture"),
+                    evidence=_collect_evidence(tracks, {name: values}, run, "of the full gesture"),
                 )
             stretches = find_runs(reached)
             longest = max(stretches, key=lambda run: run.stop - run.start, default=slice(0, 0))
@@ -162,16 +186,18 @@ def _bounds(
             if long or share > rules.bound_share:
                 yield Finding(
                     "MF303",
-                    at(place, tracks, name, longest),
+                    locate(location, tracks, name, longest),
                     f"at the {which} bound {bound:g} in {share:.0%} of the frames, "
                     f"{(longest.stop - longest.start) / tracks.rate:.2f} s at a stretch",
                     f"at most {rules.bound_share:.0%}, and less than {rules.bound_time} s",
-                    evidence=_picture(tracks, {name: values}, longest, "of the full gesture"),
+                    evidence=_collect_evidence(
+                        tracks, {name: values}, longest, "of the full gesture"
+                    ),
                 )
 
 
-def _movement(
-    tracks: ParameterTracks, bounds: FloatArray, place: Place, limits: Thresholds
+def _check_movement(
+    tracks: ParameterTracks, bounds: FloatArray, location: Location, limits: Thresholds
 ) -> Iterator[Finding]:
     rules = limits.parameters
     steps = np.abs(np.diff(tracks.values, axis=0))
@@ -189,10 +215,10 @@ def _movement(
             run = slice(int(frame), int(frame) + 2)
             yield Finding(
                 "MF307",
-                at(place, tracks, name, run),
+                locate(location, tracks, name, run),
                 f"{steps[frame, column]:.2f} full gestures from one frame to the next",
                 f"at most {max(rules.jump_size, rules.jump_speed / tracks.rate):.2f}",
-                evidence=_picture(tracks, {name: values}, run, "of the full gesture"),
+                evidence=_collect_evidence(tracks, {name: values}, run, "of the full gesture"),
             )
         for stretch in find_runs(still[:, column] & moving):
             run = slice(stretch.start, stretch.stop + 1)
@@ -202,7 +228,7 @@ def _movement(
                 at_bound = "" if values[run.start] else " (at rest)"
                 yield Finding(
                     "MF308",
-                    at(place, tracks, name, run),
+                    locate(location, tracks, name, run),
                     f"{values[run.start]:.3g}{at_bound} for "
                     f"{(run.stop - run.start) / tracks.rate:.2f} s",
                     "a track that moves with the others",
@@ -215,8 +241,8 @@ class Closure:
 
     Parameters
     ----------
-    place
-        The file, the utterance, and the phone.
+    location
+        The file, the utterance and the time.
     phone
         Its symbol.
     gap
@@ -225,21 +251,21 @@ class Closure:
         The gap about it.
     """
 
-    place: Place
+    location: Location
     phone: str
     gap: float
     evidence: Evidence
 
 
-def closures(
+def measure_closures(
     tracks: ParameterTracks,
     gaps: FloatArray,
     phones: list[Label],
     phone_set: PhoneSet,
-    place: Place,
+    location: Location,
     limits: Thresholds,
 ) -> list[Closure]:
-    """The lips' gap in every bilabial closure, one a phone.
+    """Measure the smallest gap of the lips in every bilabial closure, one a phone.
 
     Parameters
     ----------
@@ -251,14 +277,19 @@ def closures(
         The labels.
     phone_set
         Theirs.
-    place
-        The file, and the utterance.
+    location
+        The file and the utterance.
     limits
         What counts as wrong.
+
+    Returns
+    -------
+    list of Closure
+        The closures, in the order of time.
     """
     there = np.isfinite(gaps)
     times, margin = tracks.times, limits.parameters.lips_time
-    found = []
+    findings = []
     for label in phones:
         parsed = phone_set.parse(label.text)
         if parsed is None or "bilabial_stop" not in phone_set.get_phone(parsed[0]).get_classes():
@@ -267,25 +298,32 @@ def closures(
         if not inside.any():
             continue
         around = (times >= label.start - 0.15) & (times < label.end + 0.15)
-        where = Place(place.file, place.utterance, label.text, None, (label.start, label.end))
+        where = Location(
+            location.file, location.utterance, label.text, None, (label.start, label.end)
+        )
         picture = Evidence(times[around], {"gap of the lips": gaps[around]}, "mm")
-        found.append(Closure(where, parsed[0], float(gaps[inside].min()), picture))
-    return found
+        findings.append(Closure(where, parsed[0], float(gaps[inside].min()), picture))
+    return findings
 
 
 def check_closures(
-    found: list[Closure], spans: FloatArray, limits: Thresholds
+    findings: list[Closure], spans: FloatArray, limits: Thresholds
 ) -> Iterator[Finding]:
     """Find bilabials in which the lips stay open.
 
     Parameters
     ----------
-    found
-        Of all utterances of a speaker.
+    findings
+        The closures of all utterances.
     spans
         `(utterances, 2)`: the gap when closed and when wide open.
     limits
         What counts as wrong.
+
+    Yields
+    ------
+    Finding
+        What is wrong.
     """
     if not len(spans):
         return
@@ -293,11 +331,11 @@ def check_closures(
     closed = float(np.median(spans[:, 0]))
     opened = float(np.quantile(spans[:, 1], 0.75))
     limit = max(rules.lips_open, closed + rules.lips_open_share * (opened - closed))
-    for closure in found:
+    for closure in findings:
         if closure.gap > limit:
             yield Finding(
                 "MF309",
-                closure.place,
+                closure.location,
                 f"the lips stay {closure.gap:.1f} mm apart in '{closure.phone}'",
                 f"at most {limit:.1f} mm",
                 evidence=closure.evidence,

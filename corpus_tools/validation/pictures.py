@@ -20,35 +20,42 @@ _WIDTH = 8.0
 _MOST_NAMES = 60
 
 
-def overview(report: Report) -> Iterator[tuple[str, Callable[[], Figure]]]:
-    """Figures of all utterances: what each shows, and what draws it; those without data left out.
+def list_overviews(report: Report) -> Iterator[tuple[str, Callable[[], Figure]]]:
+    """Yield the figures of all utterances; those without data are left out.
 
     Parameters
     ----------
     report
         After its `finish`.
+
+    Yields
+    ------
+    caption
+        What the figure shows.
+    draw
+        A function that draws it.
     """
     summaries, limits = report.summaries, report.limits
-    gaps = _columns(summaries, "gaps")
+    gaps = _collect_columns(summaries, "gaps")
     if gaps:
         yield (
             "How often each marker is missing: the mean over the utterances (bar) and the worst "
             "utterance (dot). The line is the threshold of MF101.",
-            lambda: _gaps(gaps, limits.markers.gap_share),
+            lambda: _draw_gaps(gaps, limits.markers.gap_share),
         )
     faces = [s for s in summaries if s.shape is not None and s.shape.against_layout is not None]
     if faces:
         yield (
             "Where the markers are, from the front, in the middle of each utterance: the speaker's "
             "left is at the right. A marker whose dots lie apart was glued on anew, or swapped.",
-            lambda: _front(faces),
+            lambda: _draw_front(faces),
         )
-    residuals = _figures(summaries, "residual_mm")
+    residuals = _collect_figures(summaries, "residual_mm")
     if len(residuals):
         yield (
             "How far the markers are from the fitted face: the median of each utterance. The line "
             "is the threshold of MF301.",
-            lambda: _histogram(
+            lambda: _draw_histogram(
                 residuals, "residual (mm)", "utterances", limits.parameters.residual
             ),
         )
@@ -56,13 +63,13 @@ def overview(report: Report) -> Iterator[tuple[str, Callable[[], Figure]]]:
         yield (
             "How far each parameter goes: from the lowest to the highest hundredth of each "
             "utterance (lines), and its bounds (grey).",
-            lambda: _reach(summaries, report.bounds),
+            lambda: _draw_reach(summaries, report.bounds),
         )
     lips = np.array([c.gap for s in summaries for c in s.closures])
     if len(lips):
         yield (
             "The lips' smallest gap in every bilabial stop and nasal. Closed lips are near 0.",
-            lambda: _histogram(lips, "gap of the lips (mm)", "phones", None),
+            lambda: _draw_histogram(lips, "gap of the lips (mm)", "phones", None),
         )
     lengths = np.array(
         [
@@ -74,14 +81,14 @@ def overview(report: Report) -> Iterator[tuple[str, Callable[[], Figure]]]:
     if len(lengths):
         yield (
             "The length of each recording and of its sound.",
-            lambda: _lengths(lengths),
+            lambda: _draw_lengths(lengths),
         )
     offsets = np.array([s.offset[0] for s in summaries if s.offset is not None])
     if len(offsets):
         yield (
             "How late the frames are, as lips and loudness tell: single utterances are a syllable "
             "off, their middle is not. The lines are the thresholds of MF147.",
-            lambda: _histogram(
+            lambda: _draw_histogram(
                 1000 * offsets,
                 "offset (ms)",
                 "utterances",
@@ -91,21 +98,32 @@ def overview(report: Report) -> Iterator[tuple[str, Callable[[], Figure]]]:
         )
 
 
-def evidence_picture(finding: Finding) -> Figure:
-    """The curves about a finding, with its stretch marked."""
+def draw_evidence(finding: Finding) -> Figure:
+    """Draw the curves about a finding, with its time marked.
+
+    Parameters
+    ----------
+    finding
+        A finding with evidence.
+
+    Returns
+    -------
+    Figure
+        The figure.
+    """
     shown = finding.evidence
     assert shown is not None
     figure, panels = create_figure((_WIDTH, 2.2))
     panel = panels[0, 0]
-    if finding.place.seconds is not None:
-        start, end = finding.place.seconds
+    if finding.location.seconds is not None:
+        start, end = finding.location.seconds
         half = 0.5 * float(np.median(np.diff(shown.times))) if len(shown.times) > 1 else 0.01
         panel.axvspan(start - half, end + half, color=ORANGE, alpha=0.25, linewidth=0)
     single = len(shown.curves) > 1
     for colour, (name, values) in zip(CYCLE, shown.curves.items(), strict=False):
         # Coordinates lie far apart; what counts is how they change.
         level = float(np.nanmedian(values)) if single and np.isfinite(values).any() else 0.0
-        shift = level if _coordinates(finding) else 0.0
+        shift = level if _has_coordinates(finding) else 0.0
         panel.plot(shown.times, values - shift, color=colour, label=name, marker=".", markersize=3)
     panel.set_xlabel("time (s)")
     panel.set_ylabel(shown.unit)
@@ -115,13 +133,13 @@ def evidence_picture(finding: Finding) -> Figure:
     return figure
 
 
-def _coordinates(finding: Finding) -> bool:
+def _has_coordinates(finding: Finding) -> bool:
     """Whether the curves are the three coordinates of one marker, whose levels say nothing."""
     assert finding.evidence is not None
     return len({name.rsplit(" ", 1)[0] for name in finding.evidence.curves}) == 1
 
 
-def _columns(summaries: Sequence[Summary], attribute: str) -> dict[str, list[float]]:
+def _collect_columns(summaries: Sequence[Summary], attribute: str) -> dict[str, list[float]]:
     columns: dict[str, list[float]] = {}
     for summary in summaries:
         for name, value in getattr(summary, attribute).items():
@@ -129,27 +147,29 @@ def _columns(summaries: Sequence[Summary], attribute: str) -> dict[str, list[flo
     return columns
 
 
-def _figures(summaries: Sequence[Summary], name: str) -> Any:
+def _collect_figures(summaries: Sequence[Summary], name: str) -> Any:
     return np.array([s.figures[name] for s in summaries if name in s.figures])
 
 
-def _gaps(gaps: dict[str, list[float]], limit: float) -> Figure:
+def _draw_gaps(gaps: dict[str, list[float]], limit: float) -> Figure:
     worst = sorted(gaps, key=lambda name: -max(gaps[name]))[:_MOST_NAMES]
     names = [name for name in gaps if name in worst]
     figure, panels = create_figure((_WIDTH, 0.9 + 0.16 * len(names)))
     panel = panels[0, 0]
-    places = np.arange(len(names))
-    panel.barh(places, [100 * np.mean(gaps[n]) for n in names], color=BLUE, height=0.7)
-    panel.plot([100 * max(gaps[n]) for n in names], places, ".", color=RED, label="worst utterance")
+    locations = np.arange(len(names))
+    panel.barh(locations, [100 * np.mean(gaps[n]) for n in names], color=BLUE, height=0.7)
+    panel.plot(
+        [100 * max(gaps[n]) for n in names], locations, ".", color=RED, label="worst utterance"
+    )
     panel.axvline(100 * limit, color=GREY, linestyle="--", linewidth=1)
-    panel.set_yticks(places, names, fontsize=7)
+    panel.set_yticks(locations, names, fontsize=7)
     panel.set_ylim(len(names) - 0.4, -0.6)
     panel.set_xlim(left=0)
     panel.set_xlabel("missing (% of the frames)")
     return figure
 
 
-def _front(summaries: Sequence[Summary]) -> Figure:
+def _draw_front(summaries: Sequence[Summary]) -> Figure:
     figure, panels = create_figure((_WIDTH, 6.4))
     panel = panels[0, 0]
     for summary in summaries:
@@ -161,10 +181,15 @@ def _front(summaries: Sequence[Summary]) -> Figure:
         panel.plot(face[:, 0], face[:, 1], ".", color=BLUE, alpha=0.35, markersize=4)
     last = summaries[-1].shape
     assert last is not None
-    for name, place in zip(last.names, face, strict=True):
-        if np.isfinite(place).all():
+    for name, location in zip(last.names, face, strict=True):
+        if np.isfinite(location).all():
             panel.annotate(
-                name, place[:2], fontsize=6, color=GREY, xytext=(2, 2), textcoords="offset points"
+                name,
+                location[:2],
+                fontsize=6,
+                color=GREY,
+                xytext=(2, 2),
+                textcoords="offset points",
             )
     panel.set_aspect("equal")
     panel.set_xlabel("to the speaker's left (mm)")
@@ -172,7 +197,7 @@ def _front(summaries: Sequence[Summary]) -> Figure:
     return figure
 
 
-def _histogram(
+def _draw_histogram(
     values: Any, label: str, counted: str, limit: float | None, *, both: bool = False
 ) -> Figure:
     figure, panels = create_figure((_WIDTH, 2.4))
@@ -185,16 +210,16 @@ def _histogram(
     return figure
 
 
-def _reach(summaries: Sequence[Summary], bounds: dict[str, tuple[float, float]]) -> Figure:
-    told = [summary.reach for summary in summaries if summary.reach]
-    names = list(told[0])
+def _draw_reach(summaries: Sequence[Summary], bounds: dict[str, tuple[float, float]]) -> Figure:
+    reaches = [summary.reach for summary in summaries if summary.reach]
+    names = list(reaches[0])
     figure, panels = create_figure((_WIDTH, 0.9 + 0.3 * len(names)))
     panel = panels[0, 0]
     for row, name in enumerate(names):
         if name in bounds:
             low, high = bounds[name]
             panel.barh(row, high - low, left=low, height=0.8, color="#E8E8E8")
-        spans = np.array([reach[name] for reach in told if name in reach])
+        spans = np.array([reach[name] for reach in reaches if name in reach])
         heights = row + np.linspace(-0.32, 0.32, len(spans)) if len(spans) > 1 else np.array([row])
         panel.hlines(heights, spans[:, 0], spans[:, 1], color=BLUE, linewidth=0.6)
     panel.axvline(0, color=GREY, linewidth=0.8)
@@ -204,7 +229,7 @@ def _reach(summaries: Sequence[Summary], bounds: dict[str, tuple[float, float]])
     return figure
 
 
-def _lengths(lengths: Any) -> Figure:
+def _draw_lengths(lengths: Any) -> Figure:
     figure, panels = create_figure((4.6, 3.6))
     panel = panels[0, 0]
     top = 1.05 * float(lengths.max())

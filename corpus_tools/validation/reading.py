@@ -13,12 +13,24 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from corpus_tools.validation.findings import Finding, Place
+from corpus_tools.validation.findings import Finding, Location
 from corpus_tools.validation.subject import Subject
-from corpus_tools.validation.tables import check_own_name, check_table, check_times, read_frame
+from corpus_tools.validation.tables import (
+    check_table,
+    check_times,
+    check_utterance_name,
+    read_frame,
+)
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.corpus import Utterance
-from mocap_fit.errors import DataError, MocapFitError, MocapFitWarning, RegistryError
+from mocap_fit.errors import (
+    DataError,
+    FrameTimesError,
+    MocapFitError,
+    MocapFitWarning,
+    RateMismatchError,
+    RegistryError,
+)
 from mocap_fit.io import READERS, read
 from mocap_fit.labels import LABEL_READERS, Label, Labels, Tier, find_phone_tier, read_all_labels
 from mocap_fit.phones import PhoneSet
@@ -34,35 +46,43 @@ FOLDERS = {
     "audio": ("sound", "wav", "sound"),
 }
 SOUND_ENDINGS = (".wav", ".flac", ".aiff", ".aif", ".ogg")
-# What readers say of time stamps that are not even.
-_UNEVEN = (
-    "the times are not evenly spaced",
-    "the time does not grow",
-    "the frame has no time",
-    "the frame number does not grow",
-    "frames are left out",
-)
-_RATES = ("the header's rate and the times of the frames contradict each other",)
 
 
-def _said(error: MocapFitError) -> str:
-    """An error without its file and its advice, which have places of their own."""
-    place = "" if error.line is None else f"line {error.line}: "
+def _describe_error(error: MocapFitError) -> str:
+    """Return the text of an error without its file and its advice."""
+    location = "" if error.line is None else f"line {error.line}: "
     if error.frame is not None:
-        place += f"frame {error.frame}: "
-    found = "" if error.found is None else f" ({str(error.found)[:200]})"
-    return f"{place}{error.problem}{found}"
+        location += f"frame {error.frame}: "
+    value = "" if error.found is None else f" ({str(error.found)[:200]})"
+    return f"{location}{error.problem}{value}"
 
 
-def failed(error: MocapFitError, file: str, utterance: str = "") -> Finding:
-    """The finding of a file that cannot be read."""
+def describe_failure(error: MocapFitError, file: str, utterance: str = "") -> Finding:
+    """Return the finding of a file that cannot be read.
+
+    Parameters
+    ----------
+    error
+        The error of the reader.
+    file
+        The file, as the user named it.
+    utterance
+        Id of the utterance; empty where none is known.
+
+    Returns
+    -------
+    Finding
+        The finding.
+    """
     code = "MF001"
-    if error.problem in _UNEVEN:
+    if isinstance(error, FrameTimesError):
         code = "MF142"
-    elif error.problem in _RATES:
+    elif isinstance(error, RateMismatchError):
         code = "MF141"
     expected = "" if error.expected is None else str(error.expected)[:200]
-    return Finding(code, Place(file, utterance), _said(error), expected, advice=error.advice or "")
+    return Finding(
+        code, Location(file, utterance), _describe_error(error), expected, advice=error.advice or ""
+    )
 
 
 def read_utterance(
@@ -100,34 +120,36 @@ def read_utterance(
         utterance.text,
         on_one_clock=True,
     )
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for folder, (kind, ending, part) in FOLDERS.items():
         path = utterance.folder / folder / f"{utterance.id}.{ending}"
         name = os.path.join(shown, folder, path.name)
         if not path.is_file():
             if folder in wanted:
                 code = "MF404" if folder == "audio" else "MF501"
-                found.append(Finding(code, Place(name, utterance.id), "it is not there", "a file"))
+                findings.append(
+                    Finding(code, Location(name, utterance.id), "it is not there", "a file")
+                )
             continue
         subject.files[part] = name
         try:
             if folder == "audio":
                 subject.sound = read_sound(path)
             elif folder == "phones":
-                found += _read_phones(subject, path, name)
+                findings += _read_phones(subject, path, name)
             else:
-                found += _read_tracks(subject, utterance, path, kind, name, limits)
+                findings += _read_tracks(subject, utterance, path, kind, name, limits)
         except MocapFitError as error:
-            found.append(failed(error, name, utterance.id))
-    return subject, found
+            findings.append(describe_failure(error, name, utterance.id))
+    return subject, findings
 
 
 def _read_phones(subject: Subject, path: Path, name: str) -> Iterator[Finding]:
     frame, description = read_frame(path, ("phones",))
-    place = Place(name, subject.name)
-    yield from check_table(frame, "phones", (), place)
-    yield from check_own_name(frame, subject.name, place)
-    yield from _named(description, subject.name, place)
+    location = Location(name, subject.name)
+    yield from check_table(frame, "phones", (), location)
+    yield from check_utterance_name(frame, subject.name, location)
+    yield from _check_name(description, subject.name, location)
     if not {"start", "end", "phone"} <= set(frame.columns):
         return
     rows = zip(frame["start"], frame["end"], frame["phone"], strict=True)
@@ -148,49 +170,54 @@ def _read_tracks(
     limits: Thresholds,
 ) -> Iterator[Finding]:
     frame, description = read_frame(path, (kind,))
-    place = Place(name, subject.name)
+    location = Location(name, subject.name)
     names = tuple(str(one) for one in description.get("names", ()))
-    yield from check_table(frame, kind, names, place)
-    yield from check_own_name(frame, subject.name, place)
-    yield from _named(description, subject.name, place)
-    yield from check_times(frame, description, place, limits)
+    yield from check_table(frame, kind, names, location)
+    yield from check_utterance_name(frame, subject.name, location)
+    yield from _check_name(description, subject.name, location)
+    yield from check_times(frame, description, location, limits)
     tracks = read_parquet(path)
     if isinstance(tracks, ParameterTracks):
         subject.parameters = tracks
-        yield from _duration(tracks, utterance, place, limits)
+        yield from _check_duration(tracks, utterance, location, limits)
     else:
         if isinstance(tracks, MarkerTracks):
             subject.markers = tracks
-        yield from _same_frames(tracks, subject, place)
+        yield from _check_frames(tracks, subject, location)
 
 
-def _named(description: dict[str, Any], utterance: str, place: Place) -> Iterator[Finding]:
+def _check_name(
+    description: dict[str, Any], utterance: str, location: Location
+) -> Iterator[Finding]:
     name = description.get("name")
     if name != utterance:
         yield Finding(
-            "MF504", Place(place.file, utterance, "name"), f"the file says '{name}'", utterance
+            "MF504",
+            Location(location.file, utterance, "name"),
+            f"the file says '{name}'",
+            utterance,
         )
 
 
-def _duration(
-    tracks: ParameterTracks, utterance: Utterance, place: Place, limits: Thresholds
+def _check_duration(
+    tracks: ParameterTracks, utterance: Utterance, location: Location, limits: Thresholds
 ) -> Iterator[Finding]:
     if not abs(tracks.duration - utterance.duration) <= limits.corpus.duration:
         yield Finding(
             "MF504",
-            Place(place.file, place.utterance, "duration"),
+            Location(location.file, location.utterance, "duration"),
             f"{tracks.frames} frames at {tracks.rate:g} Hz, {tracks.duration:.4f} s",
             f"{utterance.duration:.4f} s, as the table of utterances says",
         )
 
 
-def _same_frames(tracks: Tracks, subject: Subject, place: Place) -> Iterator[Finding]:
+def _check_frames(tracks: Tracks, subject: Subject, location: Location) -> Iterator[Finding]:
     """Head and markers have the frames of the parameters."""
     parameters = subject.parameters
     if parameters is not None and tracks.frames != parameters.frames:
         yield Finding(
             "MF504",
-            place,
+            location,
             f"{tracks.frames} frames",
             f"{parameters.frames}, as the parameters have",
         )
@@ -214,13 +241,13 @@ class Files:
     sounds: list[Path] = field(default_factory=list)
 
 
-def sorted_files(paths: Sequence[Path]) -> tuple[list[Files], list[Path]]:
-    """Files by utterance: those of one name belong together.
+def group_files(paths: Sequence[Path]) -> tuple[list[Files], list[Path]]:
+    """Group files by utterance: those of one name belong together.
 
     Parameters
     ----------
     paths
-        Files.
+        The files.
 
     Returns
     -------
@@ -229,17 +256,17 @@ def sorted_files(paths: Sequence[Path]) -> tuple[list[Files], list[Path]]:
     others
         Those whose ending says nothing.
     """
-    recordings = _endings(READERS)
-    labels = _endings(LABEL_READERS)
-    made: dict[str, Files] = {}
+    recordings = _list_endings(READERS)
+    labels = _list_endings(LABEL_READERS)
+    groups: dict[str, Files] = {}
     others = []
     for path in sorted(paths):
         ending = path.suffix.lower()
-        files = made.get(path.stem) or Files(path.stem)
+        files = groups.get(path.stem) or Files(path.stem)
         if ending in SOUND_ENDINGS:
             files.sounds.append(path)
         elif ending == ".csv":
-            (files.labels if _looks_like_labels(path) else files.recordings).append(path)
+            (files.labels if _is_labels(path) else files.recordings).append(path)
         elif ending in recordings:
             files.recordings.append(path)
         elif ending in labels:
@@ -247,22 +274,34 @@ def sorted_files(paths: Sequence[Path]) -> tuple[list[Files], list[Path]]:
         else:
             others.append(path)
             continue
-        made[path.stem] = files
-    return [made[name] for name in sorted(made)], others
+        groups[path.stem] = files
+    return [groups[name] for name in sorted(groups)], others
 
 
-def files_in(folder: Path) -> tuple[list[Path], list[Path]]:
-    """The files of a folder, and of those in it, that can be checked, and those that cannot.
+def list_files(folder: Path) -> tuple[list[Path], list[Path]]:
+    """List the files in a folder and its subfolders that can be checked, and those that cannot.
 
-    A table that no reader knows by its content is none of a recording, whatever its ending.
+    A table that no reader knows by its content is no recording, whatever its ending.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+
+    Returns
+    -------
+    chosen
+        Files that can be checked.
+    others
+        Tables that no reader knows.
     """
     chosen, others = [], []
-    known = _endings(READERS) | _endings(LABEL_READERS) | set(SOUND_ENDINGS)
+    known = _list_endings(READERS) | _list_endings(LABEL_READERS) | set(SOUND_ENDINGS)
     for path in sorted(folder.rglob("*")):
         hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
         if hidden or not path.is_file() or path.suffix.lower() not in known:
             continue
-        if path.suffix.lower() in (".tsv", ".csv") and not _looks_known(path):
+        if path.suffix.lower() in (".tsv", ".csv") and not _is_known(path):
             if not _is_of_sentences(path):
                 others.append(path)
         else:
@@ -270,7 +309,7 @@ def files_in(folder: Path) -> tuple[list[Path], list[Path]]:
     return chosen, others
 
 
-def _looks_known(path: Path) -> bool:
+def _is_known(path: Path) -> bool:
     readers = [READERS.get(name) for name in READERS.names()]
     readers += [LABEL_READERS.get("csv")]
     return any(
@@ -287,19 +326,30 @@ def _is_of_sentences(path: Path) -> bool:
         return False
 
 
-def unknown(path: Path) -> Finding:
-    """The finding of a file that a user names and nothing here reads."""
+def describe_unknown(path: Path) -> Finding:
+    """Return the finding of a file that no reader takes.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    Finding
+        The finding.
+    """
     if not path.exists():
-        return Finding("MF001", Place(str(path)), "there is no such file or folder")
+        return Finding("MF001", Location(str(path)), "there is no such file or folder")
     return Finding(
         "MF001",
-        Place(str(path)),
+        Location(str(path)),
         f"no reader takes files in {path.suffix or 'no ending'}",
         "a recording, labels, sound, or a corpus",
     )
 
 
-def _endings(registry: Any) -> set[str]:
+def _list_endings(registry: Any) -> set[str]:
     endings: set[str] = set()
     for name in registry.names():
         try:
@@ -309,7 +359,7 @@ def _endings(registry: Any) -> set[str]:
     return endings
 
 
-def _looks_like_labels(path: Path) -> bool:
+def _is_labels(path: Path) -> bool:
     return bool(LABEL_READERS.get("csv").sniff(path))
 
 
@@ -330,12 +380,12 @@ def read_files(files: Files, phone_set: PhoneSet | None) -> tuple[list[Subject],
     findings
         What could not.
     """
-    found: list[Finding] = []
+    findings: list[Finding] = []
     subject = Subject(files.name)
     subjects = [subject]
 
-    def free(part: str) -> Subject:
-        """The subject that has no such part yet."""
+    def take_subject(part: str) -> Subject:
+        # A subject that has no such part yet.
         nonlocal subject
         if part in subject.files:
             subject = Subject(files.name)
@@ -346,43 +396,45 @@ def read_files(files: Files, phone_set: PhoneSet | None) -> tuple[list[Subject],
         try:
             tracks = read(path)
         except MocapFitError as error:
-            found.append(failed(error, str(path), files.name))
+            findings.append(describe_failure(error, str(path), files.name))
             continue
         if isinstance(tracks, MarkerTracks):
-            one = free("markers")
+            one = take_subject("markers")
             one.files["markers"], one.markers = str(path), tracks
         elif isinstance(tracks, ParameterTracks):
-            one = free("parameters")
+            one = take_subject("parameters")
             one.files["parameters"], one.parameters = str(path), tracks
     subject = subjects[0]
     for path in files.sounds:
         try:
             sound = read_sound(path)
         except MocapFitError as error:
-            found.append(failed(error, str(path), files.name))
+            findings.append(describe_failure(error, str(path), files.name))
             continue
-        one = free("sound")
+        one = take_subject("sound")
         one.files["sound"], one.sound = str(path), sound
     subject = subjects[0]
     for path in files.labels:
         try:
             utterances = read_all_labels(path)
         except MocapFitError as error:
-            found.append(failed(error, str(path), files.name))
+            findings.append(describe_failure(error, str(path), files.name))
             continue
         for labels in utterances:
-            one = free("labels")
+            one = take_subject("labels")
             if len(utterances) > 1:
                 one.name = labels.name
             one.files["labels"] = str(path)
-            found += _phone_tier(one, labels, phone_set)
-    return [one for one in subjects if one.files], found
+            findings += _read_phone_tier(one, labels, phone_set)
+    return [one for one in subjects if one.files], findings
 
 
-def _phone_tier(subject: Subject, labels: Labels, phone_set: PhoneSet | None) -> Iterator[Finding]:
+def _read_phone_tier(
+    subject: Subject, labels: Labels, phone_set: PhoneSet | None
+) -> Iterator[Finding]:
     try:
         tier = find_phone_tier(labels, phone_set)
         end = labels.end if tier.end is None else tier.end
         subject.tier = dataclasses.replace(tier, end=end)
     except DataError as error:
-        yield failed(error, subject.files["labels"], subject.name).replace(code="MF210")
+        yield describe_failure(error, subject.files["labels"], subject.name).replace(code="MF210")

@@ -7,7 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from corpus_tools.validation.findings import Finding, Severity, capped, codes, in_order
+from corpus_tools.validation.findings import (
+    Finding,
+    Severity,
+    limit_findings,
+    load_codes,
+    sort_findings,
+)
 from corpus_tools.validation.subject import Summary
 from corpus_tools.validation.thresholds import Thresholds
 
@@ -21,13 +27,13 @@ class Report:
     limits
         What counted as wrong.
     checked
-        A line for each path that was given.
+        A line for each path.
     findings
-        In the order of gravity, after `finish`.
+        The findings, in the order of gravity after `finish`.
     summaries
-        Of all utterances.
+        Summaries of all utterances.
     bounds
-        Of the parameters, by name; empty where no face is known.
+        Bounds of the parameters by name, full gestures; empty where no face is known.
     """
 
     limits: Thresholds
@@ -37,24 +43,30 @@ class Report:
     bounds: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def add(self, findings: Sequence[Finding]) -> None:
-        """Take findings, as grave as the user wants them, and not too many of one kind."""
-        graded = [self.limits.graded(finding) for finding in findings]
-        kept = [finding for finding in graded if finding is not None]
-        self.findings += capped(kept, self.limits.report.most_per_item)
+        """Add findings with the severity that the user wants, and not too many of one kind.
+
+        Parameters
+        ----------
+        findings
+            The findings.
+        """
+        graded = [self.limits.grade(finding) for finding in findings]
+        wanted = [finding for finding in graded if finding is not None]
+        self.findings += limit_findings(wanted, self.limits.report.most_per_item)
 
     def finish(self) -> None:
-        """Put the findings in order, and let go of pictures that nobody will see."""
-        ordered = in_order(self.findings)
+        """Sort the findings, and drop evidence for pictures that will not be drawn."""
+        ordered = sort_findings(self.findings)
         left = self.limits.report.pictures
         seen: Counter[str] = Counter()
-        for place, finding in enumerate(ordered):
+        for location, finding in enumerate(ordered):
             if finding.evidence is None:
                 continue
             if left and seen[finding.code] < 3:
                 left -= 1
                 seen[finding.code] += 1
             else:
-                ordered[place] = finding.replace(evidence=None)
+                ordered[location] = finding.replace(evidence=None)
         self.findings = ordered
 
     @property
@@ -64,42 +76,71 @@ class Report:
         return {severity.value: counted[severity] for severity in Severity}
 
     @property
-    def clean(self) -> bool:
+    def is_clean(self) -> bool:
         """Whether there is no error."""
         return not self.counts["error"]
 
-    def verdict(self) -> str:
-        """The result in one line."""
+    def format_verdict(self) -> str:
+        """Format the result as one line.
+
+        Returns
+        -------
+        str
+            Numbers of utterances and findings.
+        """
         counts = self.counts
-        said = ", ".join(
+        texts = ", ".join(
             f"{number} {name}{'' if number == 1 else 's'}" for name, number in counts.items()
         )
         many = len(self.summaries)
-        return f"{many} {'utterance' if many == 1 else 'utterances'} checked: {said}"
+        return f"{many} {'utterance' if many == 1 else 'utterances'} checked: {texts}"
 
-    def as_record(self) -> dict[str, Any]:
-        """All of it, for JSON."""
+    def to_record(self) -> dict[str, Any]:
+        """Return the report as plain values, for JSON.
+
+        Returns
+        -------
+        dict
+            The values by their names.
+        """
         return {
             "checked": self.checked,
             "utterances": len(self.summaries),
-            "clean": self.clean,
+            "clean": self.is_clean,
             "counts": self.counts,
             "codes": dict(sorted(Counter(f.code for f in self.findings).items())),
-            "findings": [finding.as_record() for finding in self.findings],
-            "thresholds": self.limits.as_record(),
+            "findings": [finding.to_record() for finding in self.findings],
+            "thresholds": self.limits.to_record(),
         }
 
 
-def by_code(findings: Sequence[Finding]) -> list[tuple[Finding, list[Finding]]]:
-    """Findings of one code and severity together, with the first of them."""
+def group_by_code(findings: Sequence[Finding]) -> list[tuple[Finding, list[Finding]]]:
+    """Group findings of one code and severity.
+
+    Parameters
+    ----------
+    findings
+        The findings.
+
+    Returns
+    -------
+    list of tuple
+        The first finding of each group, and all of them.
+    """
     groups: dict[tuple[Severity, str], list[Finding]] = {}
     for finding in findings:
         groups.setdefault((finding.severity, finding.code), []).append(finding)
     return [(members[0], members) for members in groups.values()]
 
 
-def code_records() -> list[dict[str, str]]:
-    """The table of all codes, for JSON."""
+def to_code_records() -> list[dict[str, str]]:
+    """Return the table of all codes as plain values, for JSON.
+
+    Returns
+    -------
+    list of dict
+        A record a code.
+    """
     return [
         {
             "code": code.code,
@@ -108,5 +149,5 @@ def code_records() -> list[dict[str, str]]:
             "problem": code.title,
             "advice": code.advice,
         }
-        for code in codes().values()
+        for code in load_codes().values()
     ]

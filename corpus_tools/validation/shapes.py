@@ -49,7 +49,7 @@ class Stilled:
         return np.asarray(self.shape @ self.mean_rotation.T + self.mean_translation)
 
 
-def stilled(recording: MarkerTracks, head: Sequence[int]) -> Stilled | None:
+def remove_motion(recording: MarkerTracks, head: Sequence[int]) -> Stilled | None:
     """Take the head's motion out of a recording, by its head markers or, without, by all.
 
     Parameters
@@ -91,14 +91,14 @@ def stilled(recording: MarkerTracks, head: Sequence[int]) -> Stilled | None:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """How one shape is laid on another: ``target ≈ scale matrix source + shift``.
+    """The alignment of one shape with another: ``target ≈ scale matrix source + shift``.
 
     Parameters
     ----------
     matrix
         `(3, 3)`, a rotation, or a rotation of the mirror image.
     scale
-        Above 0.
+        Size of the target over that of the source, no unit.
     misfit
         Root (weighted) mean square distance, millimetres of the target.
     distances
@@ -114,7 +114,9 @@ class Fitted:
     mirrored: bool
 
 
-def lay_on(source: FloatArray, target: FloatArray, gain: float, scaled: bool) -> Fitted | None:
+def align_shapes(
+    source: FloatArray, target: FloatArray, gain: float, scaled: bool
+) -> Fitted | None:
     """Lay a shape on another one, not following a few points that are elsewhere.
 
     Parameters
@@ -132,11 +134,11 @@ def lay_on(source: FloatArray, target: FloatArray, gain: float, scaled: bool) ->
         None where fewer than four points are in both, or they are on a line.
     """
     both = ~(np.isnan(source).any(axis=1) | np.isnan(target).any(axis=1))
-    if both.sum() < 4 or not _wide(source[both]) or not _wide(target[both]):
+    if both.sum() < 4 or not _is_wide(source[both]) or not _is_wide(target[both]):
         return None
     mirror = np.diag([-1.0, 1.0, 1.0])
-    plain = _robust(source[both], target[both], scaled)
-    other = _robust(source[both] @ mirror, target[both], scaled)
+    plain = _fit_robustly(source[both], target[both], scaled)
+    other = _fit_robustly(source[both] @ mirror, target[both], scaled)
     # A set that is nearly flat is its own mirror image, turned round.
     mirrored = other[2] < gain * plain[2]
     matrix, scale, misfit, distances = other if mirrored else plain
@@ -145,12 +147,12 @@ def lay_on(source: FloatArray, target: FloatArray, gain: float, scaled: bool) ->
     return Fitted(matrix @ mirror if mirrored else matrix, scale, misfit, every, mirrored)
 
 
-def _wide(points: FloatArray) -> bool:
+def _is_wide(points: FloatArray) -> bool:
     lengths = compute_spread(points)
     return bool(lengths[1] > 0.02 * lengths[0] > 0)
 
 
-def _robust(
+def _fit_robustly(
     source: FloatArray, target: FloatArray, scaled: bool
 ) -> tuple[FloatArray, float, float, FloatArray]:
     weights = np.ones(len(source))
@@ -175,8 +177,13 @@ def _robust(
     return rotation, scale, misfit, distances
 
 
-def in_words(matrix: FloatArray) -> tuple[str, str]:
-    """What a matrix nearest to the unit matrix does to axes, and the axes concerned.
+def describe_axes(matrix: FloatArray) -> tuple[str, str]:
+    """Describe what a matrix does to the axes, by the nearest permutation with signs.
+
+    Parameters
+    ----------
+    matrix
+        A rotation, perhaps mirrored, ``(3, 3)``.
 
     Returns
     -------
@@ -209,53 +216,80 @@ def in_words(matrix: FloatArray) -> tuple[str, str]:
     return "turned", f"{', '.join(parts)} of the others"
 
 
-def directions(matrix: FloatArray) -> str:
-    """Where the speaker's left, up and forward point in a recording, in words."""
-    said = []
+def describe_directions(matrix: FloatArray) -> str:
+    """Describe where the speaker's left, up and forward point in a recording.
+
+    Parameters
+    ----------
+    matrix
+        Rotation from the head to the recording, ``(3, 3)``.
+
+    Returns
+    -------
+    str
+        Such as ``left is +x, up is +z, forward is -y``.
+    """
+    texts = []
     for column, name in enumerate(("left", "up", "forward")):
         axis = int(np.argmax(np.abs(matrix[:, column])))
         sign = "-" if matrix[axis, column] < 0 else "+"
-        said.append(f"{name} is {sign}{_AXES[axis]}")
-    return ", ".join(said)
+        texts.append(f"{name} is {sign}{_AXES[axis]}")
+    return ", ".join(texts)
 
 
-def known_layout(names: Sequence[str]) -> Layout | None:
-    """The shipped layout that most of its markers' names say; None where none does."""
-    best, found = _KNOWN_SHARE, None
+def guess_layout(names: Sequence[str]) -> Layout | None:
+    """Guess the shipped layout from the markers' names.
+
+    Parameters
+    ----------
+    names
+        Names of the markers.
+
+    Returns
+    -------
+    Layout or None
+        The layout that most of the names belong to; None where none does.
+    """
+    best, best_layout = _KNOWN_SHARE, None
     for name in list_layouts():
         layout = load_layout(name)
         wanted = [marker.name for marker in layout.markers]
         share = sum(marker in names for marker in wanted) / len(wanted)
         if share > best:
-            best, found = share, layout
-    return found
+            best, best_layout = share, layout
+    return best_layout
 
 
-def expected_places(layout: Layout, names: Sequence[str]) -> FloatArray:
-    """Where a layout's markers are on the built-in head, `(markers, 3)`; NaN where it says nothing.
+def locate_expected(layout: Layout, names: Sequence[str]) -> FloatArray:
+    """Locate a layout's markers on the built-in head.
 
     Parameters
     ----------
     layout
-        Its markers' feature points and positions are read.
+        The marker layout.
     names
-        The markers, in order.
+        Names of the markers, in order.
+
+    Returns
+    -------
+    ndarray
+        Positions, ``(markers, 3)``, millimetres; NaN where the layout does not say.
     """
     from mocap_fit.face.builtin import load_built_in_head
 
     head = load_built_in_head()
     normals = head.compute_normals()
-    places = np.full((len(names), 3), np.nan)
+    locations = np.full((len(names), 3), np.nan)
     for marker in layout.markers:
         if marker.name not in names:
             continue
         row = list(names).index(marker.name)
         if marker.position is not None:
-            places[row] = marker.position
+            locations[row] = marker.position
         elif marker.feature_point is not None:
             try:
                 vertex = head.get_feature_point(marker.feature_point)
             except ConfigurationError:
                 continue
-            places[row] = head.vertices[vertex] + layout.marker_offset * normals[vertex]
-    return places
+            locations[row] = head.vertices[vertex] + layout.marker_offset * normals[vertex]
+    return locations

@@ -34,9 +34,10 @@ def find_slips(
     Parameters
     ----------
     positions
-        `(frames, markers, 3)` of four markers or more; NaN is missing.
+        Positions of four markers or more, ``(frames, markers, 3)``, millimetres; NaN is
+        missing.
     rate
-        Hertz.
+        Frame rate, hertz.
     limits
         The thresholds ``shape``.
 
@@ -52,7 +53,7 @@ def find_slips(
         return []
     step = max(1, window // 4)
     starts = np.arange(0, frames - window + 1, step)
-    usual = _usual_moment(positions, starts, window)
+    usual = _find_usual_moment(positions, starts, window)
     shape = compute_typical_shape(positions[usual : usual + window])
     if np.isnan(shape).any():
         return []
@@ -62,10 +63,13 @@ def find_slips(
         others = np.delete(np.arange(markers), k)
         pose = estimate_rigid_transforms(shape[others], positions[:, others])
         seen = apply_inverse_transforms(positions[:, [k]], pose[0], pose[1])[:, 0] - shape[k]
-        away, fits = _medians(seen, starts, window), _medians(pose[2][:, None], starts, window)
+        away, fits = (
+            _compute_medians(seen, starts, window),
+            _compute_medians(pose[2][:, None], starts, window),
+        )
         off[k] = np.linalg.norm(away, axis=1)
         rest[k] = np.where(np.isnan(fits[:, 0]), np.inf, fits[:, 0])
-    found = []
+    slips = []
     culprits = np.argmin(np.where(np.isnan(off), np.inf, rest), axis=0)
     for k in range(markers):
         # Stretches that do not show it say nothing, and do not end it.
@@ -83,11 +87,11 @@ def find_slips(
             if first == 0 and last < frames:
                 first, last = last, frames
             if last - first >= limits.slip_time * rate:
-                found.append((k, slice(first, last), float(np.median(off[k, part]))))
-    return found
+                slips.append((k, slice(first, last), float(np.median(off[k, part]))))
+    return slips
 
 
-def _medians(values: FloatArray, starts: NDArray[np.int64], window: int) -> FloatArray:
+def _compute_medians(values: FloatArray, starts: NDArray[np.int64], window: int) -> FloatArray:
     """Medians of `(frames, columns)` over stretches; NaN where a third is not there."""
     views = sliding_window_view(values, window, axis=0)[starts]
     counts = (~np.isnan(views)).sum(axis=2)
@@ -97,11 +101,11 @@ def _medians(values: FloatArray, starts: NDArray[np.int64], window: int) -> Floa
     return np.where(counts >= max(3, window // 3), middles, np.nan)
 
 
-def _usual_moment(positions: FloatArray, starts: NDArray[np.int64], window: int) -> int:
+def _find_usual_moment(positions: FloatArray, starts: NDArray[np.int64], window: int) -> int:
     """First frame of the stretch whose distances are nearest to those of most others."""
     one, other = np.array(list(combinations(range(positions.shape[1]), 2))).T
     distances = np.linalg.norm(positions[:, one] - positions[:, other], axis=2)
-    middles = _medians(distances, starts, window)
+    middles = _compute_medians(distances, starts, window)
     chosen = np.arange(0, len(starts), max(1, len(starts) // 200))
     apart = np.abs(middles[chosen, None] - middles[None, chosen])
     there = ~np.isnan(apart)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from corpus_tools.validation.findings import Finding, Place
+from corpus_tools.validation.findings import Finding, Location
 from corpus_tools.validation.labels import Loudness
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.errors import DataError
@@ -20,10 +20,20 @@ _BAND = (200.0, 4000.0)
 _TENTH = 0.1
 
 
-def loudness(sound: Sound) -> Loudness:
-    """Energy every hundredth of a second, over a fortieth, of the band that speech is in.
+def measure_loudness(sound: Sound) -> Loudness:
+    """Measure the energy of the band of speech, every 10 ms over 25 ms.
 
-    Rumble of a room or a car is below, and is no sign of speech.
+    Rumble of a room or a car is below the band, and is no sign of speech.
+
+    Parameters
+    ----------
+    sound
+        The sound.
+
+    Returns
+    -------
+    Loudness
+        Times and energy.
     """
     from scipy.signal import butter, sosfilt
 
@@ -39,17 +49,22 @@ def loudness(sound: Sound) -> Loudness:
     return Loudness(centres / sound.rate, 10 * np.log10(np.maximum(power, 1e-10)))
 
 
-def check_sound(sound: Sound, place: Place, limits: Thresholds) -> Iterator[Finding]:
+def check_sound(sound: Sound, location: Location, limits: Thresholds) -> Iterator[Finding]:
     """Find sound that is clipped or silent.
 
     Parameters
     ----------
     sound
-        Speech; a channel of pulses is looked at by `check_pulses`.
-    place
-        The file, and the utterance.
+        Speech, without a channel of pulses.
+    location
+        The file and the utterance.
     limits
         What counts as wrong.
+
+    Yields
+    ------
+    Finding
+        What is wrong.
     """
     rules = limits.sound
     for number in range(1, sound.channels + 1):
@@ -63,28 +78,41 @@ def check_sound(sound: Sound, place: Place, limits: Thresholds) -> Iterator[Find
             last = clipped[-1].stop / sound.rate
             yield Finding(
                 "MF401",
-                Place(place.file, place.utterance, f"channel {number}", None, (first, last)),
+                Location(
+                    location.file, location.utterance, f"channel {number}", None, (first, last)
+                ),
                 f"{count} samples at full scale, in {len(clipped)} places",
                 f"at most {rules.clipped_share:.2%} of the samples",
             )
-    levels = tenths(sound)
+    levels = measure_tenths(sound)
     loudest = float(levels.max())
     if loudest < rules.silent_db or loudest - float(levels.min()) < rules.speech_over_noise:
         yield Finding(
             "MF402",
-            place,
+            location,
             f"the loudest tenth of a second has {loudest:.0f} dB, the quietest "
             f"{levels.min():.0f} dB",
             f"more than {rules.silent_db:g} dB, and {rules.speech_over_noise:g} dB apart",
         )
 
 
-def tenths(sound: Sound) -> FloatArray:
-    """Energy of every tenth of a second, decibels, `(tenths,)`."""
+def measure_tenths(sound: Sound) -> FloatArray:
+    """Measure the energy of every tenth of a second.
+
+    Parameters
+    ----------
+    sound
+        The sound.
+
+    Returns
+    -------
+    ndarray
+        Energy, ``(tenths,)``, decibels.
+    """
     size = max(1, round(_TENTH * sound.rate))
     samples = sound.samples.mean(axis=1)
-    whole = len(samples) // size * size
-    parts = samples[:whole].reshape(-1, size) if whole else samples[None]
+    length = len(samples) // size * size
+    parts = samples[:length].reshape(-1, size) if length else samples[None]
     return np.asarray(10 * np.log10(np.maximum((parts**2).mean(axis=1), 1e-10)))
 
 
@@ -94,7 +122,7 @@ def check_lengths(
     start_time: float,
     sound_end: float,
     labels_end: float | None,
-    place: Place,
+    location: Location,
     limits: Thresholds,
 ) -> Iterator[Finding]:
     """Compare the lengths of a recording, its sound and its labels.
@@ -104,40 +132,51 @@ def check_lengths(
 
     Parameters
     ----------
-    frames, rate, start_time
-        Of the recording; hertz and seconds.
-    sound_end, labels_end
-        Seconds; None where there are no labels.
-    place
-        The file, and the utterance.
+    frames
+        Number of frames of the recording.
+    rate
+        Frame rate of the recording, hertz.
+    start_time
+        Time of its first frame, seconds.
+    sound_end
+        End of the sound, seconds.
+    labels_end
+        End of the labels, seconds; None where there are none.
+    location
+        The file and the utterance.
     limits
         What counts as wrong.
+
+    Yields
+    ------
+    Finding
+        What is wrong.
     """
     rules = limits.time
 
-    def differ(one: float, other: float) -> bool:
+    def is_different(one: float, other: float) -> bool:
         allowed: float = max(rules.length, rules.length_share * max(one, other))
         return abs(one - other) > allowed
 
     recorded = start_time + frames / rate
-    if not differ(recorded, sound_end):
+    if not is_different(recorded, sound_end):
         return
     likely = frames / max(sound_end - start_time, 1e-9)
-    if labels_end is not None and not differ(labels_end, sound_end):
+    if labels_end is not None and not is_different(labels_end, sound_end):
         ratio = likely / rate
         # Labels may stop before the recording does; only the recording can be stretched.
         yield Finding(
             "MF141",
-            place,
+            location,
             f"{frames} frames at {rate:g} Hz last until {recorded:.3f} s; sound and labels end at "
             f"{sound_end:.3f} s",
             f"about {likely:.4g} Hz ({ratio:.3g} times), or a recording of {sound_end:.3f} s",
         )
         return
-    cut = labels_end is not None and not differ(labels_end, recorded)
+    cut = labels_end is not None and not is_different(labels_end, recorded)
     yield Finding(
         "MF143",
-        place,
+        location,
         f"the recording ends at {recorded:.3f} s, the sound at {sound_end:.3f} s"
         + (", the labels with the recording" if cut else ""),
         "the same length"
@@ -146,7 +185,7 @@ def check_lengths(
 
 
 def check_pulses(
-    sound: Sound, rate: float, frames: int, place: Place, limits: Thresholds
+    sound: Sound, rate: float, frames: int, location: Location, limits: Thresholds
 ) -> tuple[int | None, list[Finding]]:
     """Look for a channel with a pulse a frame, and compare the clocks.
 
@@ -154,10 +193,12 @@ def check_pulses(
     ----------
     sound
         Of two or more channels.
-    rate, frames
+    rate
+        Frame rate of the recording, hertz.
+    frames
         Of the recording.
-    place
-        The file, and the utterance.
+    location
+        The file and the utterance.
     limits
         What counts as wrong.
 
@@ -173,11 +214,11 @@ def check_pulses(
             train = decode_pulses(sound.get_channel(number), sound.rate, rate)
         except DataError:
             continue
-        where = Place(place.file, place.utterance, f"channel {number}")
-        found = list(clock_findings(train.drift_ppm, train.residual or 0.0, where, limits))
-        heard = float(train.present.sum()) / max(1, frames)
-        if train.frames != frames or heard < limits.time.pulses_heard:
-            found.append(
+        where = Location(location.file, location.utterance, f"channel {number}")
+        findings = list(check_clock(train.drift_ppm, train.residual or 0.0, where, limits))
+        share = float(train.present.sum()) / max(1, frames)
+        if train.frames != frames or share < limits.time.pulses_heard:
+            findings.append(
                 Finding(
                     "MF146",
                     where,
@@ -185,33 +226,38 @@ def check_pulses(
                     f"{frames}, one a frame",
                 )
             )
-        return number, found
+        return number, findings
     return None, []
 
 
-def clock_findings(
-    drift_ppm: float, residual: float, place: Place, limits: Thresholds
+def check_clock(
+    drift_ppm: float, residual: float, location: Location, limits: Thresholds
 ) -> Iterator[Finding]:
     """Judge the drift between two clocks, and the scatter of the pulses.
 
     Parameters
     ----------
     drift_ppm
-        Millionths.
+        Drift between the clocks, millionths.
     residual
-        Seconds.
-    place
-        The file, and the utterance.
+        Scatter of the pulses, seconds.
+    location
+        The file and the utterance.
     limits
         What counts as wrong.
+
+    Yields
+    ------
+    Finding
+        What is wrong.
     """
     rules = limits.time
     if abs(drift_ppm) > rules.drift:
-        yield Finding("MF145", place, f"{drift_ppm:+.0f} ppm", f"at most {rules.drift:g} ppm")
+        yield Finding("MF145", location, f"{drift_ppm:+.0f} ppm", f"at most {rules.drift:g} ppm")
     if residual > rules.pulse_residual:
         yield Finding(
             "MF146",
-            place,
+            location,
             f"pulses scatter by {1000 * residual:.2f} ms about an even clock",
             f"at most {1000 * rules.pulse_residual:g} ms",
         )

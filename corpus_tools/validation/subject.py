@@ -9,17 +9,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from corpus_tools.validation import geometry, shapes
-from corpus_tools.validation.findings import Finding, Place
+from corpus_tools.validation.findings import Finding, Location
 from corpus_tools.validation.geometry import Shape
-from corpus_tools.validation.labels import Around, check_phone_tier
+from corpus_tools.validation.labels import Surroundings, check_phone_tier
 from corpus_tools.validation.markers import check_markers, mend_head
-from corpus_tools.validation.parameters import Closure, check_parameters, closures
+from corpus_tools.validation.parameters import Closure, check_parameters, measure_closures
 from corpus_tools.validation.sounds import (
+    check_clock,
     check_lengths,
     check_pulses,
     check_sound,
-    clock_findings,
-    loudness,
+    measure_loudness,
 )
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.errors import ConfigurationError, DataError
@@ -34,7 +34,7 @@ from mocap_fit.tracks import MarkerTracks, ParameterTracks, Provenance
 
 @dataclass(frozen=True, eq=False)
 class Context:
-    """What all utterances share.
+    """What the data of all utterances are compared with.
 
     Parameters
     ----------
@@ -45,9 +45,9 @@ class Context:
     rig
         The face; None where it is not known.
     phone_set
-        None where it is not known.
+        The phone set; None where it is not known.
     rate
-        Hertz that the recordings should have; None where it is not known.
+        Frame rate that the recordings should have, hertz; None where it is not known.
     """
 
     limits: Thresholds
@@ -59,13 +59,27 @@ class Context:
 
 @dataclass
 class Subject:
-    """What there is of an utterance; None where it is not there or cannot be read.
+    """The data of an utterance; None where they are missing or cannot be read.
 
     Parameters
     ----------
-    name, speaker, session, split, text
+    name
         Of the utterance.
-    markers, parameters, tier, sound
+    speaker
+        Of the utterance.
+    session
+        Of the utterance.
+    split
+        Of the utterance.
+    text
+        Of the utterance.
+    markers
+        Its data; the tier is that of the phones.
+    parameters
+        Its data; the tier is that of the phones.
+    tier
+        Its data; the tier is that of the phones.
+    sound
         Its data; the tier is that of the phones.
     files
         Where each is, as the user named it, by the names of the data.
@@ -85,25 +99,46 @@ class Subject:
     files: dict[str, str] = field(default_factory=dict)
     on_one_clock: bool = False
 
-    def place(self, part: str) -> Place:
-        """The file of a part, and the utterance."""
-        return Place(self.files.get(part, ""), self.name)
+    def get_location(self, part: str) -> Location:
+        """Return the file of a part, with the utterance.
+
+        Parameters
+        ----------
+        part
+            Name of the data, such as ``markers``.
+
+        Returns
+        -------
+        Location
+            The location.
+        """
+        return Location(self.files.get(part, ""), self.name)
 
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """What is kept of an utterance, when its data are let go.
+    """Results of an utterance that remain when its data are dropped.
 
     Parameters
     ----------
-    name, speaker, session, split, text
+    name
         Of the utterance.
-    place, sound_place
-        Its most telling file, and that of its sound.
+    speaker
+        Of the utterance.
+    session
+        Of the utterance.
+    split
+        Of the utterance.
+    text
+        Of the utterance.
+    location
+        Its most telling file.
+    sound_location
+        The file of its sound.
     prints
         Sums over recording, parameters and sound, by what they are of.
     figures
-        Numbers for the report.
+        Numbers for the report by name, in the unit that the name says.
     shape
         Of the markers.
     closures
@@ -123,8 +158,8 @@ class Summary:
     session: str
     split: str
     text: str
-    place: Place
-    sound_place: Place
+    location: Location
+    sound_location: Location
     prints: dict[str, str]
     figures: dict[str, float]
     shape: Shape | None
@@ -153,40 +188,40 @@ def check_subject(subject: Subject, context: Context) -> tuple[list[Finding], Su
         What the checks of a whole corpus need of it.
     """
     limits = context.limits
-    found: list[Finding] = []
+    findings: list[Finding] = []
     shape = None
     figures: dict[str, float] = {}
     gaps: dict[str, float] = {}
     if subject.markers is not None:
-        more, shape = check_recording(subject.markers, context, subject.place("markers"))
-        found += more
+        more, shape = check_recording(subject.markers, context, subject.get_location("markers"))
+        findings += more
         missing = (~subject.markers.visible).mean(axis=0) if subject.markers.frames else []
         gaps = dict(zip(subject.markers.names, map(float, missing), strict=False))
     sound, pulses = subject.sound, None
     if sound is not None:
         figures |= {"sound_s": sound.duration, "sound_rate": sound.rate}
-        sound, pulses, more = _without_pulses(subject, limits)
-        found += more
-        found += check_sound(sound, subject.place("sound"), limits)
+        sound, pulses, more = _drop_pulses(subject, limits)
+        findings += more
+        findings += check_sound(sound, subject.get_location("sound"), limits)
     tracks: MarkerTracks | ParameterTracks | None = subject.parameters
     if tracks is None:
         tracks = subject.markers
     if tracks is not None:
         figures |= {"frames": tracks.frames, "rate": tracks.rate, "recording_s": tracks.duration}
         part = "parameters" if tracks is subject.parameters else "markers"
-        found += _rate(tracks, context, subject.place(part))
-        found += _clock(tracks.provenance, subject.place(part), limits)
+        findings += _check_rate(tracks, context, subject.get_location(part))
+        findings += _check_noted_clock(tracks.provenance, subject.get_location(part), limits)
         if sound is not None and pulses is None:
-            found += _lengths(subject, tracks, sound, part, limits)
-    found += _labels(subject, sound, tracks, context)
+            findings += _check_lengths(subject, tracks, sound, part, limits)
+    findings += _check_labels(subject, sound, tracks, context)
     closed: list[Closure] = []
     lips = offset = None
     reach: dict[str, tuple[float, float]] = {}
     if subject.parameters is not None:
         params = subject.parameters
         varies = context.layout is not None and context.layout.size_varies
-        place = subject.place("parameters")
-        found += check_parameters(params, context.rig, varies, place, limits)
+        location = subject.get_location("parameters")
+        findings += check_parameters(params, context.rig, varies, location, limits)
         there = np.isfinite(params.values).all(axis=1)
         if there.any():
             low, high = np.quantile(params.values[there], (0.01, 0.99), axis=0)
@@ -197,16 +232,16 @@ def check_subject(subject: Subject, context: Context) -> tuple[list[Finding], Su
             figures["residual_mm"] = float(np.median(residuals))
         rig = context.rig
         if rig is not None and tuple(rig.parameter_names) == params.names and there.any():
-            closed, lips, offset = _lips(subject, params, rig, sound, context)
+            closed, lips, offset = _measure_lips(subject, params, rig, sound, context)
     summary = Summary(
         subject.name,
         subject.speaker,
         subject.session,
         subject.split,
         subject.text,
-        subject.place(next(iter(subject.files), "")),
-        subject.place("sound"),
-        _prints(subject),
+        subject.get_location(next(iter(subject.files), "")),
+        subject.get_location("sound"),
+        _compute_prints(subject),
         figures,
         shape,
         closed,
@@ -215,13 +250,22 @@ def check_subject(subject: Subject, context: Context) -> tuple[list[Finding], Su
         gaps,
         reach,
     )
-    return found, summary
+    return findings, summary
 
 
 def check_recording(
-    recording: MarkerTracks, context: Context, place: Place
+    recording: MarkerTracks, context: Context, location: Location
 ) -> tuple[list[Finding], Shape | None]:
     """Check the markers of a recording.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    context
+        What it is compared with.
+    location
+        The file and the utterance.
 
     Returns
     -------
@@ -230,53 +274,55 @@ def check_recording(
     shape
         To be compared with others; None where nothing can be told.
     """
-    layout = context.layout or shapes.known_layout(recording.names)
-    found: list[Finding] = []
+    layout = context.layout or shapes.guess_layout(recording.names)
+    findings: list[Finding] = []
     head: list[int] = []
     if layout is not None:
-        found += geometry.check_layout(recording, layout, place)
+        findings += geometry.check_layout(recording, layout, location)
         names = {marker.name for marker in layout.head_markers}
         head = [k for k, name in enumerate(recording.names) if name in names]
-    recording, exchanged = mend_head(recording, head, place, context.limits)
-    found += exchanged
-    still = shapes.stilled(recording, head)
-    found += check_markers(
-        recording, None if still is None else still.positions, place, context.limits
+    recording, exchanged = mend_head(recording, head, location, context.limits)
+    findings += exchanged
+    still = shapes.remove_motion(recording, head)
+    findings += check_markers(
+        recording, None if still is None else still.positions, location, context.limits
     )
     if still is None:
         if recording.frames and recording.visible.any():
-            found.append(
-                Finding("MF126", place, "in no frame", "three markers that are not on a line")
+            findings.append(
+                Finding("MF126", location, "in no frame", "three markers that are not on a line")
             )
-        return found, None
+        return findings, None
     varies = layout is not None and layout.size_varies
-    found += geometry.check_head(recording, still, head, place, context.limits, varies)
-    return found, geometry.summarise(recording, still, layout, place, context.limits)
+    findings += geometry.check_head(recording, still, head, location, context.limits, varies)
+    return findings, geometry.summarise(recording, still, layout, location, context.limits)
 
 
-def _without_pulses(
-    subject: Subject, limits: Thresholds
-) -> tuple[Sound, int | None, list[Finding]]:
-    """The sound without a channel of pulses, its number, and what the pulses say."""
+def _drop_pulses(subject: Subject, limits: Thresholds) -> tuple[Sound, int | None, list[Finding]]:
+    """Return the sound without a channel of pulses, its number, and what the pulses say."""
     sound = subject.sound
     assert sound is not None
     tracks = subject.markers
     if sound.channels < 2 or tracks is None or subject.on_one_clock:
         return sound, None, []
-    channel, found = check_pulses(sound, tracks.rate, tracks.frames, subject.place("sound"), limits)
-    return sound if channel is None else sound.drop_channel(channel), channel, found
+    channel, findings = check_pulses(
+        sound, tracks.rate, tracks.frames, subject.get_location("sound"), limits
+    )
+    return sound if channel is None else sound.drop_channel(channel), channel, findings
 
 
-def _rate(
-    tracks: MarkerTracks | ParameterTracks, context: Context, place: Place
+def _check_rate(
+    tracks: MarkerTracks | ParameterTracks, context: Context, location: Location
 ) -> Iterator[Finding]:
     wanted = context.rate
     if wanted is not None and abs(tracks.rate / wanted - 1) > context.limits.time.rate:
-        yield Finding("MF141", place, f"{tracks.rate:g} Hz", f"{wanted:g} Hz, as the others")
+        yield Finding("MF141", location, f"{tracks.rate:g} Hz", f"{wanted:g} Hz, as the others")
 
 
-def _clock(provenance: Provenance, place: Place, limits: Thresholds) -> Iterator[Finding]:
-    """What the conversion noted of the clocks."""
+def _check_noted_clock(
+    provenance: Provenance, location: Location, limits: Thresholds
+) -> Iterator[Finding]:
+    """Yield findings about the clocks, as the conversion noted them."""
     steps = [step for step in provenance if step.name == "synchronise"]
     if not steps:
         return
@@ -286,17 +332,17 @@ def _clock(provenance: Provenance, place: Place, limits: Thresholds) -> Iterator
         with_it = "" if correlation is None else f", correlation {correlation:.2f}"
         yield Finding(
             "MF144",
-            place,
+            location,
             f"start time {noted['start_time']:.3f} s, from lips and energy{with_it}",
             "pulses",
         )
     if noted.get("drift_ppm") is not None:
-        yield from clock_findings(
-            float(noted["drift_ppm"]), float(noted.get("residual") or 0.0), place, limits
+        yield from check_clock(
+            float(noted["drift_ppm"]), float(noted.get("residual") or 0.0), location, limits
         )
 
 
-def _lengths(
+def _check_lengths(
     subject: Subject,
     tracks: MarkerTracks | ParameterTracks,
     sound: Sound,
@@ -311,7 +357,7 @@ def _lengths(
             tracks.start_time,
             sound.duration,
             max(ends, default=None),
-            subject.place(part),
+            subject.get_location(part),
             limits,
         )
     elif tracks.duration > sound.duration + limits.time.length or (
@@ -319,13 +365,13 @@ def _lengths(
     ):
         yield Finding(
             "MF143",
-            subject.place(part),
+            subject.get_location(part),
             f"the recording lasts {tracks.duration:.3f} s, the sound {sound.duration:.3f} s",
             f"a sound that is up to {limits.time.length_apart} s longer",
         )
 
 
-def _labels(
+def _check_labels(
     subject: Subject,
     sound: Sound | None,
     tracks: MarkerTracks | ParameterTracks | None,
@@ -337,16 +383,18 @@ def _labels(
     if tracks is not None and tracks.frames and (subject.on_one_clock or sound is None):
         times = tracks.times
         recorded = (float(times[0]), float(times[-1]) + 1 / tracks.rate)
-    around = Around(
+    around = Surroundings(
         context.phone_set,
         recorded,
         None if sound is None else sound.duration,
-        None if sound is None else loudness(sound),
+        None if sound is None else measure_loudness(sound),
     )
-    yield from check_phone_tier(subject.tier, around, subject.place("labels"), context.limits)
+    yield from check_phone_tier(
+        subject.tier, around, subject.get_location("labels"), context.limits
+    )
 
 
-def _lips(
+def _measure_lips(
     subject: Subject,
     tracks: ParameterTracks,
     rig: Rig,
@@ -362,8 +410,8 @@ def _lips(
     entries = [] if subject.tier is None else list(subject.tier.entries)
     closed: list[Closure] = []
     if context.phone_set is not None:
-        closed = closures(
-            tracks, gaps, entries, context.phone_set, subject.place("labels"), context.limits
+        closed = measure_closures(
+            tracks, gaps, entries, context.phone_set, subject.get_location("labels"), context.limits
         )
     low, high = np.quantile(gaps[np.isfinite(gaps)], (0.05, 0.95))
     offset = None
@@ -377,17 +425,17 @@ def _lips(
     return closed, (float(low), float(high)), offset
 
 
-def _prints(subject: Subject) -> dict[str, str]:
-    """Sums over the data alone, whatever it is called."""
+def _compute_prints(subject: Subject) -> dict[str, str]:
+    """Compute hashes of the data, whatever the files are called."""
     prints = {}
     if subject.markers is not None:
-        prints["recording"] = _sum(np.round(subject.markers.positions, 4))
+        prints["recording"] = _hash(np.round(subject.markers.positions, 4))
     if subject.parameters is not None:
-        prints["parameters"] = _sum(np.round(subject.parameters.values, 9))
+        prints["parameters"] = _hash(np.round(subject.parameters.values, 9))
     if subject.sound is not None:
-        prints["sound"] = _sum(np.round(subject.sound.samples, 6))
+        prints["sound"] = _hash(np.round(subject.sound.samples, 6))
     return prints
 
 
-def _sum(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> str:
+def _hash(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> str:
     return hashlib.sha256(np.nan_to_num(values + 0.0, nan=1e9).tobytes()).hexdigest()

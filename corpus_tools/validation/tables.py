@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from corpus_tools.validation.findings import Finding, Place
+from corpus_tools.validation.findings import Finding, Location
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.tracks.parquet_file import read_table
 
@@ -23,7 +23,7 @@ _MISSING = "missing"
 _ID = re.compile(r"[^\s./\\*?\[\]][^/\\*?\[\]]*")
 
 #: What a check asks for, by its name; shown as what was expected.
-ASKED = {
+REQUIREMENTS = {
     "id": "a name of files, without / \\ * ? [ ]",
     "unique": "each once",
     "not empty": "a name",
@@ -41,7 +41,21 @@ ASKED = {
 
 
 def read_frame(path: Path, kinds: Sequence[str]) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """A table of a corpus as pandas has it, and its description.
+    """Read a table of a corpus and its description.
+
+    Parameters
+    ----------
+    path
+        The Parquet file.
+    kinds
+        Kinds of content that it may have.
+
+    Returns
+    -------
+    frame
+        The table.
+    description
+        What mocap-fit noted in the file.
 
     Raises
     ------
@@ -53,22 +67,22 @@ def read_frame(path: Path, kinds: Sequence[str]) -> tuple[pd.DataFrame, dict[str
 
 
 @cache
-def _schema(kind: str) -> Any:
-    """What pandera asks of a table, or of the cells of a wide one (see `_wide`)."""
+def _create_schema(kind: str) -> Any:
+    """Return pandera's schema of a table, or of the cells of a wide one (see `_group_columns`)."""
     import pandera.pandas as pa
 
     def check(name: str, test: Any) -> Any:
         return pa.Check(test, name=name, ignore_na=True)
 
-    def each(name: str, test: Callable[[Any], bool]) -> Any:
+    def create_cell_check(name: str, test: Callable[[Any], bool]) -> Any:
         return pa.Check(test, name=name, ignore_na=True, element_wise=True)
 
-    def texts(value: object) -> bool:
+    def is_texts(value: object) -> bool:
         if not isinstance(value, list | tuple | np.ndarray):
             return False
         return all(isinstance(item, str) for item in value)
 
-    def ends_later(table: pd.DataFrame) -> pd.DataFrame:
+    def check_ends(table: pd.DataFrame) -> pd.DataFrame:
         import pandas as pd
 
         fine = pd.DataFrame(True, index=table.index, columns=table.columns)
@@ -76,10 +90,10 @@ def _schema(kind: str) -> Any:
         return fine
 
     free = pa.Column(str)
-    text = pa.Column(str, each("not empty", bool))
+    text = pa.Column(str, create_cell_check("not empty", bool))
     finite = check("finite", lambda s: ~np.isinf(s))
     if kind == "utterances":
-        name = each("id", lambda v: bool(_ID.fullmatch(v)))
+        name = create_cell_check("id", lambda v: bool(_ID.fullmatch(v)))
         return pa.DataFrameSchema(
             {
                 "id": pa.Column(str, name, unique=True),
@@ -88,8 +102,8 @@ def _schema(kind: str) -> Any:
                 "split": text,
                 "duration": pa.Column(float, check("above 0", lambda s: s > 0)),
                 "text": free,
-                "sources": pa.Column(object, each("texts", texts)),
-                "checks": pa.Column(object, each("texts", texts)),
+                "sources": pa.Column(object, create_cell_check("texts", is_texts)),
+                "checks": pa.Column(object, create_cell_check("texts", is_texts)),
             }
         )
     if kind == "phones":
@@ -107,7 +121,7 @@ def _schema(kind: str) -> Any:
                 # pandas has a column of nothing but null as objects.
                 "energy_db": pa.Column(checks=level, nullable=True, dtype=float, coerce=True),
             },
-            checks=pa.Check(ends_later, name="end after start"),
+            checks=pa.Check(check_ends, name="end after start"),
         )
     tests = {
         "columns": pa.Column(
@@ -124,22 +138,22 @@ def _schema(kind: str) -> Any:
     return pa.DataFrameSchema({"value": tests[kind]})
 
 
-def _wide(kind: str, names: Sequence[str]) -> dict[str, list[str]]:
+def _group_columns(kind: str, names: Sequence[str]) -> dict[str, list[str]]:
     """Columns of a table of tracks, by what their cells must be."""
     if kind == "parameters":
         lengths = [*(f"{name}_sd" for name in names), "residual_mm"]
         return {"finite": ["time", *names], "not negative": lengths}
     if kind == "markers":
-        places = [f"{name}_{axis}" for name in names for axis in "xyz"]
-        return {"finite": ["time", *places], "origin": [f"{name}_origin" for name in names]}
+        locations = [f"{name}_{axis}" for name in names for axis in "xyz"]
+        return {"finite": ["time", *locations], "origin": [f"{name}_origin" for name in names]}
     parts = (*"xyz", *(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)))
-    places = [f"{name}_{part}" for name in names for part in parts]
+    locations = [f"{name}_{part}" for name in names for part in parts]
     lengths = [f"{name}_residual_mm" for name in names]
-    return {"finite": ["time", *places], "not negative": lengths}
+    return {"finite": ["time", *locations], "not negative": lengths}
 
 
 def check_table(
-    frame: pd.DataFrame, kind: str, names: Sequence[str], place: Place
+    frame: pd.DataFrame, kind: str, names: Sequence[str], location: Location
 ) -> Iterator[Finding]:
     """Find what is wrong with the columns and rows of a table.
 
@@ -151,48 +165,53 @@ def check_table(
         ``utterances``, ``parameters``, ``markers``, ``poses`` or ``phones``.
     names
         Of the parameters, markers or bodies.
-    place
-        The file, and the utterance.
+    location
+        The file and the utterance.
+
+    Yields
+    ------
+    Finding
+        What is wrong.
     """
     if kind in ("utterances", "phones"):
-        for (column, check), cases in _failures(frame, kind).items():
-            yield _finding(place, column, check, cases)
+        for (column, check), cases in _find_failures(frame, kind).items():
+            yield _describe_failures(location, column, check, cases)
         return
     # Tables of tracks have hundreds of columns; pandera takes them as few long ones, in a tenth
     # of the time.
-    wide = _wide(kind, names)
+    wide = _group_columns(kind, names)
     every = [column for columns in wide.values() for column in columns]
     kinds = [str(frame[c].dtype) if c in frame else _MISSING for c in every]
-    for (_, check), cases in _failures(_long(kinds), "columns").items():
+    for (_, check), cases in _find_failures(_to_long(kinds), "columns").items():
         for row, value in cases:
-            yield _finding(place, every[row], check, [(None, value)])
-    for asked, columns in wide.items():
+            yield _describe_failures(location, every[row], check, [(None, value)])
+    for requirement, columns in wide.items():
         usable = [c for c in columns if c in frame and frame[c].dtype.kind in "fiu"]
         cells = frame[usable].to_numpy(dtype=float)
         groups: dict[str, list[tuple[Any, Any]]] = {}
-        for cases in _failures(_long(cells.ravel()), asked).values():
+        for cases in _find_failures(_to_long(cells.ravel()), requirement).values():
             for index, value in cases:
                 at, which = divmod(int(index), len(usable))
                 groups.setdefault(usable[which], []).append((at, value))
         for name, cases in groups.items():
-            yield _finding(place, name, asked, cases)
+            yield _describe_failures(location, name, requirement, cases)
     if kind == "poses":
-        yield from _rotations(frame, names, place)
+        yield from _check_rotations(frame, names, location)
 
 
-def _long(values: Any) -> pd.DataFrame:
+def _to_long(values: Any) -> pd.DataFrame:
     import pandas as pd
 
     return pd.DataFrame({"value": values})
 
 
-def _failures(frame: pd.DataFrame, kind: str) -> dict[tuple[str, str], list[tuple[Any, Any]]]:
+def _find_failures(frame: pd.DataFrame, kind: str) -> dict[tuple[str, str], list[tuple[Any, Any]]]:
     """Cells that fail, as row and value, by column and check."""
     from pandera.errors import SchemaErrors
 
     groups: dict[tuple[str, str], list[tuple[Any, Any]]] = {}
     try:
-        _schema(kind).validate(frame, lazy=True)
+        _create_schema(kind).validate(frame, lazy=True)
     except SchemaErrors as errors:
         for row in errors.failure_cases.to_dict("records"):
             check, column, case = str(row["check"]), row["column"], row["failure_case"]
@@ -206,8 +225,10 @@ def _failures(frame: pd.DataFrame, kind: str) -> dict[tuple[str, str], list[tupl
     return groups
 
 
-def _finding(place: Place, column: str, check: str, cases: Sequence[tuple[Any, Any]]) -> Finding:
-    where = Place(place.file, place.utterance, column)
+def _describe_failures(
+    location: Location, column: str, check: str, cases: Sequence[tuple[Any, Any]]
+) -> Finding:
+    where = Location(location.file, location.utterance, column)
     if check in ("column_in_dataframe", "there"):
         return Finding("MF503", where, "there is no such column", "a column of that name")
     rows = [int(row) for row, _ in cases if isinstance(row, int | np.integer)]
@@ -215,7 +236,7 @@ def _finding(place: Place, column: str, check: str, cases: Sequence[tuple[Any, A
     if check.startswith("dtype"):
         wanted = check.removeprefix("dtype").strip("()'")
         return Finding("MF503", where, f"values of {values}", f"values of {wanted}")
-    expected = ASKED.get(check, ASKED["unique"] if "unique" in check else check)
+    expected = REQUIREMENTS.get(check, REQUIREMENTS["unique"] if "unique" in check else check)
     expected = "a value in every row" if check == "not_nullable" else expected
     if not rows:
         return Finding("MF503", where, values or "other values", expected)
@@ -223,7 +244,9 @@ def _finding(place: Place, column: str, check: str, cases: Sequence[tuple[Any, A
     return Finding("MF503", where, f"{values} ({shown})", expected)
 
 
-def _rotations(frame: pd.DataFrame, names: Sequence[str], place: Place) -> Iterator[Finding]:
+def _check_rotations(
+    frame: pd.DataFrame, names: Sequence[str], location: Location
+) -> Iterator[Finding]:
     for name in names:
         columns = [f"{name}_r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)]
         if not set(columns) <= set(frame.columns):
@@ -237,16 +260,33 @@ def _rotations(frame: pd.DataFrame, names: Sequence[str], place: Place) -> Itera
             frame_number = int(np.flatnonzero(there)[int(np.argmax(off))])
             yield Finding(
                 "MF503",
-                Place(place.file, place.utterance, name, (frame_number, frame_number)),
+                Location(location.file, location.utterance, name, (frame_number, frame_number)),
                 f"{int(off.sum())} matrices turn nothing",
-                ASKED["rotation"],
+                REQUIREMENTS["rotation"],
             )
 
 
 def check_times(
-    frame: pd.DataFrame, description: Mapping[str, Any], place: Place, limits: Thresholds
+    frame: pd.DataFrame, description: Mapping[str, Any], location: Location, limits: Thresholds
 ) -> Iterator[Finding]:
-    """Find time stamps that are not those of the file's own rate and start time."""
+    """Find time stamps that contradict the file's rate and start time.
+
+    Parameters
+    ----------
+    frame
+        The table, as pandas reads it.
+    description
+        What mocap-fit noted in the file.
+    location
+        The file and the utterance.
+    limits
+        What counts as wrong.
+
+    Yields
+    ------
+    Finding
+        What is wrong.
+    """
     if "time" not in frame or not len(frame):
         return
     times = frame["time"].to_numpy(dtype=float)
@@ -263,16 +303,16 @@ def check_times(
     if len(steps) > 1 and spread < allowed and abs(np.median(steps) * rate - 1) > limits.time.rate:
         yield Finding(
             "MF141",
-            Place(place.file, place.utterance, "time"),
+            Location(location.file, location.utterance, "time"),
             f"time stamps {1 / np.median(steps):.6g} Hz apart",
             f"{rate:g} Hz, as the file's description says",
         )
         return
     yield Finding(
         "MF142",
-        Place(
-            place.file,
-            place.utterance,
+        Location(
+            location.file,
+            location.utterance,
             "time",
             (first, first + int(np.flatnonzero(off)[-1]) - first),
             (float(even[first]), float(even[np.flatnonzero(off)[-1]])),
@@ -283,15 +323,32 @@ def check_times(
     )
 
 
-def check_own_name(frame: pd.DataFrame, utterance: str, place: Place) -> Iterator[Finding]:
-    """Find rows that name another utterance than the file does."""
+def check_utterance_name(
+    frame: pd.DataFrame, utterance: str, location: Location
+) -> Iterator[Finding]:
+    """Find rows that name another utterance than the file does.
+
+    Parameters
+    ----------
+    frame
+        The table, as pandas reads it.
+    utterance
+        Id of the utterance.
+    location
+        The file and the utterance.
+
+    Yields
+    ------
+    Finding
+        What is wrong.
+    """
     if "utterance" not in frame:
         return
     others = sorted({str(name) for name in frame["utterance"].unique()} - {utterance})
     if others:
         yield Finding(
             "MF504",
-            Place(place.file, place.utterance, "utterance"),
+            Location(location.file, location.utterance, "utterance"),
             f"rows of {', '.join(others[:_SHOWN])}",
             utterance,
         )

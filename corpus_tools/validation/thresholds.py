@@ -9,7 +9,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from corpus_tools.validation.findings import Finding, Severity, codes
+from corpus_tools.validation.findings import Finding, Severity, load_codes
 from mocap_fit.errors import ConfigurationError, from_os_error
 
 OFF = "off"
@@ -47,15 +47,32 @@ class Thresholds:
     report: Section
     severity: Mapping[str, str]
 
-    def graded(self, finding: Finding) -> Finding | None:
-        """The finding with the severity that the user wants, or None."""
+    def grade(self, finding: Finding) -> Finding | None:
+        """Give a finding the severity that the user wants.
+
+        Parameters
+        ----------
+        finding
+            The finding.
+
+        Returns
+        -------
+        Finding or None
+            The finding; None where the user has switched it off.
+        """
         wanted = self.severity.get(finding.code)
         if wanted is None:
             return finding
         return None if wanted == OFF else finding.replace(severity=Severity(wanted))
 
-    def as_record(self) -> dict[str, Any]:
-        """All of them as plain values."""
+    def to_record(self) -> dict[str, Any]:
+        """Return all thresholds as plain values.
+
+        Returns
+        -------
+        dict
+            Thresholds by section and name.
+        """
         sections = {name: value for name, value in vars(self).items() if name != "severity"}
         return {
             **{name: dict(vars(section)) for name, section in sections.items()},
@@ -64,12 +81,17 @@ class Thresholds:
 
 
 def load_thresholds(path: Path | None = None) -> Thresholds:
-    """The default thresholds, and over them those of a user's file.
+    """Load the default thresholds, and over them those of a user's file.
 
     Parameters
     ----------
     path
         A TOML file with some of the lines of the defaults.
+
+    Returns
+    -------
+    Thresholds
+        The thresholds.
 
     Raises
     ------
@@ -79,7 +101,7 @@ def load_thresholds(path: Path | None = None) -> Thresholds:
     """
     text = resources.files(__package__).joinpath("thresholds.toml").read_text("utf-8")
     content = tomllib.loads(text)
-    for section, values in {} if path is None else _given(path).items():
+    for section, values in {} if path is None else _read_thresholds(path).items():
         if section not in content or not isinstance(values, dict):
             raise ConfigurationError(
                 f"there is no section '{section}' of thresholds",
@@ -93,7 +115,7 @@ def load_thresholds(path: Path | None = None) -> Thresholds:
     return Thresholds(**{k: Section(v) for k, v in content.items()}, severity=severity)
 
 
-def _given(path: Path) -> dict[str, Any]:
+def _read_thresholds(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text("utf-8"))
     except OSError as error:
@@ -105,10 +127,10 @@ def _given(path: Path) -> dict[str, Any]:
 def _check(
     path: Path | None, section: str, name: str, value: object, defaults: Mapping[str, Any]
 ) -> None:
-    place = f"{section}.{name}"
+    location = f"{section}.{name}"
     if section == "severity":
         allowed = [severity.value for severity in Severity] + [OFF]
-        if name not in codes():
+        if name not in load_codes():
             raise ConfigurationError(
                 f"there is no code '{name}'",
                 path=path,
@@ -116,12 +138,12 @@ def _check(
             )
         if value not in allowed:
             raise ConfigurationError(
-                f"{place} is no severity", path=path, found=value, expected=", ".join(allowed)
+                f"{location} is no severity", path=path, found=value, expected=", ".join(allowed)
             )
         return
     if name not in defaults:
         raise ConfigurationError(
-            f"there is no threshold '{place}'",
+            f"there is no threshold '{location}'",
             path=path,
             expected=f"one of {', '.join(defaults)}",
         )
@@ -130,14 +152,16 @@ def _check(
         fine = isinstance(value, list) and all(isinstance(item, str) for item in value)
         expected = "a list of names"
     elif isinstance(default, int):
-        whole = section == "report" or name.endswith(("frames", "run", "utterances", "text"))
-        fine = isinstance(value, int if whole else (int, float)) and not isinstance(value, bool)
-        fine = fine and (not whole or value >= 1)  # type: ignore[operator]
-        expected = "a whole number from 1" if whole else "a number"
+        is_integer = section == "report" or name.endswith(("frames", "run", "utterances", "text"))
+        fine = isinstance(value, int if is_integer else (int, float)) and not isinstance(
+            value, bool
+        )
+        fine = fine and (not is_integer or value >= 1)  # type: ignore[operator]
+        expected = "a whole number from 1" if is_integer else "a number"
     else:
         fine = isinstance(value, (int, float)) and not isinstance(value, bool) and value == value
         expected = "a number"
     if not fine:
         raise ConfigurationError(
-            f"{place} has a wrong value", path=path, found=repr(value), expected=expected
+            f"{location} has a wrong value", path=path, found=repr(value), expected=expected
         )

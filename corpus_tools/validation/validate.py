@@ -73,11 +73,11 @@ def validate(
     loose = []
     for path in map(Path, paths):
         if (path / DESCRIPTION_FILE).is_file():
-            _corpus(path, context, report, progress)
+            _validate_corpus(path, context, report, progress)
         else:
             loose.append(path)
     if loose:
-        _files(loose, context, report, progress)
+        _validate_files(loose, context, report, progress)
     report.finish()
     if page is not None:
         from corpus_tools.validation.page import write_page
@@ -86,11 +86,13 @@ def validate(
     return report
 
 
-def _corpus(path: Path, context: Context, report: Report, progress: TaskProgress | None) -> None:
+def _validate_corpus(
+    path: Path, context: Context, report: Report, progress: TaskProgress | None
+) -> None:
     from corpus_tools.validation import corpora
 
-    opened, found = corpora.open_for_checks(path, context)
-    report.add(found)
+    opened, findings = corpora.open_for_checks(path, context)
+    report.add(findings)
     if opened is None:
         report.checked.append(f"{path}: a corpus that cannot be opened")
         return
@@ -98,8 +100,8 @@ def _corpus(path: Path, context: Context, report: Report, progress: TaskProgress
     summaries = []
     advance = count_steps(progress, "checking utterances", len(corpus))
     for utterance in corpus:
-        found, summary = corpora.check_utterance(opened, utterance)
-        report.add(found)
+        findings, summary = corpora.check_utterance(opened, utterance)
+        report.add(findings)
         summaries.append(summary)
         advance()
     report.add(list(corpora.check_between(summaries, context.limits, splits=True)))
@@ -115,40 +117,40 @@ def _corpus(path: Path, context: Context, report: Report, progress: TaskProgress
     )
 
 
-def _files(
+def _validate_files(
     paths: Sequence[Path], context: Context, report: Report, progress: TaskProgress | None
 ) -> None:
     from corpus_tools.validation import corpora, reading
-    from corpus_tools.validation.findings import Finding, Place
+    from corpus_tools.validation.findings import Finding, Location
     from corpus_tools.validation.subject import check_subject
 
     chosen: list[Path] = []
     for path in paths:
         if path.is_dir():
-            inside, others = reading.files_in(path)
+            inside, others = reading.list_files(path)
             chosen += inside
             if not inside:
-                report.add([Finding("MF002", Place(str(path)), "no recording, label or sound")])
+                report.add([Finding("MF002", Location(str(path)), "no recording, label or sound")])
             if others:
                 names = ", ".join(str(other) for other in others[:5])
                 more = f" and {len(others) - 5} more" if len(others) > 5 else ""
                 what = "no reader takes these files"
-                report.add([Finding("MF003", Place(str(path)), f"{what}: {names}{more}")])
+                report.add([Finding("MF003", Location(str(path)), f"{what}: {names}{more}")])
             report.checked.append(f"{path}: a folder with {len(inside)} files that can be checked")
         else:
             chosen.append(path)
             report.checked.append(str(path))
-    groups, unknown = reading.sorted_files(chosen)
-    report.add([reading.unknown(path) for path in unknown])
+    groups, describe_unknown = reading.group_files(chosen)
+    report.add([reading.describe_unknown(path) for path in describe_unknown])
     summaries = []
     if groups:
         advance = count_steps(progress, "checking files", len(groups))
         for files in groups:
-            subjects, found = reading.read_files(files, context.phone_set)
-            report.add(found)
+            subjects, findings = reading.read_files(files, context.phone_set)
+            report.add(findings)
             for subject in subjects:
-                found, summary = check_subject(subject, context)
-                report.add(found)
+                findings, summary = check_subject(subject, context)
+                report.add(findings)
                 summaries.append(summary)
             advance()
     report.add(list(corpora.check_between(summaries, context.limits, splits=False)))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_fit.errors import FileFormatError, MissingRateError
+from mocap_fit.errors import FileFormatError, FrameTimesError, MissingRateError, RateMismatchError
 from mocap_fit.io.number_table import NumberTable
 from mocap_fit.tracks import FloatArray
 
@@ -119,7 +119,7 @@ def determine_timing(
         _check_rate_against_times(known, times, decimals=decimals, path=path, lines=table.lines)
     start = float(times[0])
     if np.isnan(start):
-        raise FileFormatError("the first frame has no time", path=path, line=int(table.lines[0]))
+        raise FrameTimesError("the first frame has no time", path=path, line=int(table.lines[0]))
     return known, start
 
 
@@ -170,7 +170,7 @@ def estimate_rate(
         usual = float(np.median(steps))
         # Rounded, so that the first of two equal ones is reported.
         row = int(np.argmax(np.round(np.abs(steps - usual), 9)))
-        raise FileFormatError(
+        raise FrameTimesError(
             "the times are not evenly spaced",
             path=path,
             line=int(lines[row + 1]),
@@ -202,7 +202,7 @@ def check_consecutive(frame_numbers: FloatArray, *, path: Path, lines: NDArray[n
     wrong = np.diff(frame_numbers) != 1
     if wrong.any():
         row = int(np.argmax(wrong)) + 1
-        raise FileFormatError(
+        raise FrameTimesError(
             "frames are left out",
             path=path,
             line=int(lines[row]),
@@ -222,8 +222,8 @@ def _check_rate_against_times(
     duration = float(times[-1] - times[0])
     expected = (len(times) - 1) / rate
     if abs(duration - expected) > 0.01 * expected + 2.0 * 10.0**-decimals:
-        raise FileFormatError(
-            "the header's rate and the times of the frames contradict each other",
+        raise RateMismatchError(
+            "the header\'s rate and the times of the frames contradict each other",
             path=path,
             line=int(lines[-1]),
             found=f"{rate:g} Hz and {(len(times) - 1) / duration:.6g} Hz",
@@ -237,13 +237,13 @@ def _check_increasing(
     """Refuse a column of times or frame numbers that has a gap or does not increase."""
     if np.isnan(values).any():
         row = int(np.argmax(np.isnan(values)))
-        raise FileFormatError(
+        raise FrameTimesError(
             f"the frame has no {noun}", path=path, line=int(lines[row]), expected="a number"
         )
     wrong = np.diff(values) <= 0
     if wrong.any():
         row = int(np.argmax(wrong)) + 1
-        raise FileFormatError(
+        raise FrameTimesError(
             f"the {noun} does not grow",
             path=path,
             line=int(lines[row]),

@@ -30,18 +30,18 @@ def parameters(frames: int, value: float = 0.0) -> ParameterTracks:
 @pytest.mark.parametrize("frames", [0, 1, 2])
 def test_few_frames(frames):
     positions = np.zeros((frames, len(NAMES), 3)) + np.arange(len(NAMES))[:, None]
-    codes = found(markers=MarkerTracks(NAMES, 60.0, positions), parameters=parameters(frames))
-    assert ("MF305" in codes) == (frames == 0)
+    load_codes = found(markers=MarkerTracks(NAMES, 60.0, positions), parameters=parameters(frames))
+    assert ("MF305" in load_codes) == (frames == 0)
     # Markers on a line tell no pose.
-    assert "MF126" in codes or frames == 0
+    assert "MF126" in load_codes or frames == 0
 
 
 def test_nothing_but_gaps():
-    codes = found(
+    load_codes = found(
         markers=MarkerTracks(NAMES, 60.0, np.full((90, len(NAMES), 3), np.nan)),
         parameters=parameters(90, np.nan),
     )
-    assert {"MF103", "MF109", "MF305"} <= codes
+    assert {"MF103", "MF109", "MF305"} <= load_codes
 
 
 def test_short_and_empty_sounds():

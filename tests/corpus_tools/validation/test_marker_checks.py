@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from corpus_tools.validation import Context, Place, load_thresholds, shapes
+from corpus_tools.validation import Context, Location, load_thresholds, shapes
 from corpus_tools.validation.exchanges import find_exchanges
 from corpus_tools.validation.slips import find_slips
 from corpus_tools.validation.subject import check_recording
@@ -78,8 +78,8 @@ class TestCoordinates:
 
         def found(array):
             tracks = MarkerTracks(names, RATE, array)
-            findings, _ = check_recording(tracks, Context(LIMITS), Place("x"))
-            return [(f.code, f.place.item, f.place.frames) for f in findings]
+            findings, _ = check_recording(tracks, Context(LIMITS), Location("x"))
+            return [(f.code, f.location.item, f.location.frames) for f in findings]
 
         moved = Rotation.from_rotvec(turn).apply(positions.reshape(-1, 3)).reshape(positions.shape)
         assert found(moved + np.array(shift)) == found(positions)
@@ -88,19 +88,19 @@ class TestCoordinates:
     @pytest.mark.parametrize("frames", [0, 1, 2, 3])
     def test_very_short_recordings(self, frames):
         tracks = MarkerTracks(tuple("abcdefgh"), RATE, movement(np.random.default_rng(0))[:frames])
-        findings, _ = check_recording(tracks, Context(LIMITS), Place("x"))
+        findings, _ = check_recording(tracks, Context(LIMITS), Location("x"))
         assert [f.code for f in findings] == ([] if frames else ["MF103"])
 
     def test_one_marker_alone(self):
         tracks = MarkerTracks(("a",), RATE, movement(np.random.default_rng(0))[:, :1])
-        findings, shape = check_recording(tracks, Context(LIMITS), Place("x"))
+        findings, shape = check_recording(tracks, Context(LIMITS), Location("x"))
         assert shape is None
         assert {f.code for f in findings} == {"MF126"}
 
     def test_a_still_object_is_not_stuck(self):
         still = np.repeat(movement(np.random.default_rng(0))[:1], 100, axis=0)
         findings, _ = check_recording(
-            MarkerTracks(tuple("abcdefgh"), RATE, still), Context(LIMITS), Place("x")
+            MarkerTracks(tuple("abcdefgh"), RATE, still), Context(LIMITS), Location("x")
         )
         assert findings == []
 
@@ -120,7 +120,7 @@ class TestShapes:
         matrix = matrix @ np.diag([-1.0, 1.0, 1.0]) if mirrored else matrix
         target = scale * source @ matrix.T + 500.0
         target[3] += 30.0 * scale
-        fit = shapes.lay_on(source, target, 0.6, True)
+        fit = shapes.align_shapes(source, target, 0.6, True)
         assert fit.mirrored == mirrored
         assert fit.scale == pytest.approx(scale, rel=0.02)
         assert np.allclose(fit.matrix, matrix, atol=0.06)
@@ -128,7 +128,7 @@ class TestShapes:
 
     def test_points_on_a_line_tell_nothing(self):
         line = np.arange(12.0)[:, None] * [1.0, 2.0, 3.0]
-        assert shapes.lay_on(line, line, 0.6, True) is None
+        assert shapes.align_shapes(line, line, 0.6, True) is None
 
     @pytest.mark.parametrize(
         ("matrix", "kind", "words"),
@@ -142,7 +142,7 @@ class TestShapes:
     )
     def test_axes_in_words(self, matrix, kind, words):
         leaning = Rotation.from_euler("xyz", [10, -12, 8], degrees=True).as_matrix()
-        assert shapes.in_words(leaning @ matrix) == (kind, words)
+        assert shapes.describe_axes(leaning @ matrix) == (kind, words)
 
 
 class TestSlips:

@@ -10,7 +10,7 @@ import dataclasses
 import pytest
 from spoiling import DEFECTS, Expected
 
-from corpus_tools.validation import Context, Report, codes, corpora, load_thresholds
+from corpus_tools.validation import Context, Report, corpora, load_codes, load_thresholds
 
 # The utterance that is spoilt; the others must stay without a finding.
 SPOILT = "sim002"
@@ -40,7 +40,7 @@ def known(clean):
         more, summaries[utterance.id] = corpora.check_utterance(opened, utterance)
         found += more
     found += corpora.check_between(list(summaries.values()), opened.context.limits, splits=True)
-    assert [f"{f.code} {f.place}: {f.found}" for f in found] == []
+    assert [f"{f.code} {f.location}: {f.found}" for f in found] == []
     return opened.context, summaries
 
 
@@ -74,7 +74,7 @@ def off_by(found, expected):
 
 
 def matches(finding, expected: Expected, name: str) -> bool:
-    place = finding.place
+    place = finding.location
     return (
         finding.code == expected.code
         and expected.item in place.item
@@ -86,14 +86,14 @@ def matches(finding, expected: Expected, name: str) -> bool:
 
 def judge(findings, expected: Expected, name: str) -> None:
     """The defect is found at its place, and nothing else is."""
-    told = [f"{f.code} {f.place}: {f.found}" for f in findings]
+    told = [f"{f.code} {f.location}: {f.found}" for f in findings]
     assert any(matches(finding, expected, name) for finding in findings), told
     allowed = {expected.code, *expected.also}
     assert not [
         line
         for line, finding in zip(told, findings, strict=True)
         if finding.code not in allowed
-        or (not expected.whole and finding.place.utterance != (expected.utterance or name))
+        or (not expected.whole and finding.location.utterance != (expected.utterance or name))
     ]
 
 
@@ -106,7 +106,7 @@ def test_a_planted_defect_is_found_and_named(name, corpus, known):
     findings = checked_again(corpus, known)
     judge(findings, expected, SPOILT)
     named = next(finding for finding in findings if finding.code == expected.code)
-    assert named.severity == codes()[expected.code].severity
+    assert named.severity == load_codes()[expected.code].severity
     assert named.advice
     assert named.found
 

@@ -10,7 +10,7 @@ import pytest
 from spoiling import DEFECTS, change_positions
 
 from corpus_tools.cli import app as cli
-from corpus_tools.validation import Evidence, Finding, Place, Report, codes, load_thresholds
+from corpus_tools.validation import Evidence, Finding, Location, Report, load_codes, load_thresholds
 from corpus_tools.validation.page import write_page
 from corpus_tools.validation.validate import validate
 from mocap_fit.errors import ConfigurationError
@@ -50,7 +50,7 @@ class TestCalls:
     def test_codes_are_listed(self, capsys):
         assert run("--codes", "--json") == 0
         told = json.loads(capsys.readouterr().out)
-        assert [row["code"] for row in told] == list(codes())
+        assert [row["code"] for row in told] == list(load_codes())
         assert run("--codes") == 0
         assert "MF106" in capsys.readouterr().out
 
@@ -63,10 +63,10 @@ class TestCalls:
 
 class TestCodes:
     def test_every_code_is_complete_and_in_its_area(self):
-        assert list(codes()) == sorted(codes())
-        titles = [code.title for code in codes().values()]
+        assert list(load_codes()) == sorted(load_codes())
+        titles = [code.title for code in load_codes().values()]
         assert len(set(titles)) == len(titles)
-        for code in codes().values():
+        for code in load_codes().values():
             assert re.fullmatch(r"MF[0-5]\d\d", code.code)
             assert code.title
             assert not code.title.endswith(".")
@@ -77,7 +77,7 @@ class TestCodes:
         folder = Path(__file__).parents[3] / "corpus_tools" / "validation"
         files = list(folder.glob("*.py"))
         source = "\n".join(path.read_text("utf-8") for path in files)
-        assert set(re.findall(r'"(MF\d{3})"', source)) == set(codes())
+        assert set(re.findall(r'"(MF\d{3})"', source)) == set(load_codes())
 
 
 class TestThresholds:
@@ -179,7 +179,7 @@ class TestReports:
         times = np.arange(50) / 100
         picture = Evidence(times, {"chin x": np.sin(times), "chin y": np.full(50, np.nan)}, "mm")
         report = Report(load_thresholds())
-        place = Place("a.tsv", "a", "chin", (7, 9), (0.07, 0.09))
+        place = Location("a.tsv", "a", "chin", (7, 9), (0.07, 0.09))
         report.add([Finding("MF104", place, "<b>20 mm</b>", evidence=picture)])
         report.finish()
         write_page(report, tmp_path / "page.html")
@@ -220,7 +220,7 @@ class TestLooseFiles:
         (folder / "notes.tsv").write_text("who\twhat\n1\t2\n", "utf-8")
         findings = found_in(folder)
         assert listed(findings) == ["MF141", "MF003"]
-        assert findings[0].place.file == str(odd)
+        assert findings[0].location.file == str(odd)
         assert findings[0].found == "50 Hz"
         assert "notes.tsv" in findings[1].found
 
@@ -256,7 +256,7 @@ class TestLooseFiles:
         write_labels(Labels((tier,), 0.0, entries[-1][1]), path)
         findings = found_in(path, phone_set="sv-sta")
         assert listed(findings) == [code]
-        assert findings[0].place.file == str(path)
+        assert findings[0].location.file == str(path)
 
     def test_parameters_alone(self, clean, tmp_path):
         path = shutil.copy(clean / "tracks" / "sim001.parquet", tmp_path)
@@ -267,7 +267,7 @@ class TestLooseFiles:
     def test_files_that_no_reader_takes_are_named(self, path):
         findings = found_in(path)
         assert findings
-        assert {finding.place.file for finding in findings} == {str(path)}
+        assert {finding.location.file for finding in findings} == {str(path)}
 
     @pytest.mark.parametrize(
         ("name", "code"),
@@ -292,7 +292,7 @@ class TestLooseFiles:
         # Most are one recording in other formats; one does not tell its rate.
         assert {f.code for f in report.findings} == {"MF001", "MF003", "MF126", "MF508"}
         (unread,) = [f for f in report.findings if f.code == "MF001"]
-        assert unread.place.file.endswith("timeless.csv")
+        assert unread.location.file.endswith("timeless.csv")
 
 
 def test_a_corpus_that_cannot_be_opened(small):
@@ -312,7 +312,7 @@ def test_one_id_twice_is_found_in_the_table(small):
     change_table(small / "utterances.parquet", change)
     findings = found_in(small)
     assert listed(findings) == ["MF001", "MF503"]
-    assert findings[1].place.item == "id"
+    assert findings[1].location.item == "id"
 
 
 def test_a_corpus_in_memory_that_was_saved_has_no_provenance(small, tmp_path):

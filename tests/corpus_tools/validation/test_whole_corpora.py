@@ -33,7 +33,7 @@ def test_a_simulated_corpus_of_287_sentences_is_clean(whole):
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     report = validate([whole])
     grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-    assert [f"{f.code} {f.place}: {f.found}" for f in report.findings] == []
+    assert [f"{f.code} {f.location}: {f.found}" for f in report.findings] == []
     assert len(report.summaries) == 287
     # Kilobytes; the corpus has 200 MB of numbers.
     assert grown < 150_000
@@ -66,17 +66,17 @@ def test_all_defects_at_once_are_found_each_in_its_utterance(whole, tmp_path):
         planted[utterance] = (name, plant(corpus, utterance))
     findings = validate([corpus]).findings
     missed = [
-        (name, [f"{f.code} {f.place}: {f.found}" for f in findings if utterance in str(f.place)])
+        (name, [f"{f.code} {f.location}: {f.found}" for f in findings if utterance in str(f.location)])
         for utterance, (name, expected) in planted.items()
         if not any(matches(finding, expected, utterance) for finding in findings)
     ]
     assert missed == []
     false_alarms = []
     for finding in findings:
-        concerned = re.search(r"sim\d+", finding.place.utterance or finding.place.file)[0]
+        concerned = re.search(r"sim\d+", finding.location.utterance or finding.location.file)[0]
         name, expected = planted.get(concerned, ("clean", None))
         if expected is None or finding.code not in {expected.code, *expected.also}:
-            false_alarms.append(f"{name} {finding.code} {finding.place}: {finding.found}")
+            false_alarms.append(f"{name} {finding.code} {finding.location}: {finding.found}")
     assert false_alarms == []
 
 
