@@ -85,14 +85,6 @@ NOUNS = frozenset(
 )
 PREFIXES = ("is_", "has_", "to_", "from_", "as_")
 
-# Rooms whose words are still to be changed: none may be added.
-PENDING = ()
-
-
-def is_pending(path: Path) -> bool:
-    return path.relative_to(ROOT).as_posix().startswith(PENDING)
-
-
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
@@ -136,8 +128,6 @@ def faults(path: Path) -> Iterator[str]:
 
 @every_module
 def test_names_have_no_private_vocabulary(path):
-    if is_pending(path):
-        pytest.skip("pending")
     assert not list(faults(path))
 
 
@@ -157,8 +147,6 @@ def begins_well(name: str) -> bool:
 
 @every_module
 def test_functions_begin_with_a_verb(path):
-    if is_pending(path):
-        pytest.skip("pending")
     tree = ast.parse(path.read_text(encoding="utf-8"))
     wrong = [
         f"line {node.lineno}: {node.name}"
@@ -184,8 +172,6 @@ ALSO_NOUNS = frozenset(
 
 @every_module
 def test_properties_are_nouns(path):
-    if is_pending(path):
-        pytest.skip("pending")
     tree = ast.parse(path.read_text(encoding="utf-8"))
     wrong = []
     for node, is_property in functions(tree):
@@ -193,9 +179,3 @@ def test_properties_are_nouns(path):
         if is_property and first in VERBS - ALSO_NOUNS:
             wrong.append(f"line {node.lineno}: {node.name}")
     assert not wrong
-
-
-def test_what_is_pending_is_there():
-    names = [path.relative_to(ROOT).as_posix() for path in MODULES]
-    for prefix in PENDING:
-        assert any(name.startswith(prefix) for name in names), prefix

@@ -66,7 +66,10 @@ def test_all_defects_at_once_are_found_each_in_its_utterance(whole, tmp_path):
         planted[utterance] = (name, plant(corpus, utterance))
     findings = validate([corpus]).findings
     missed = [
-        (name, [f"{f.code} {f.location}: {f.found}" for f in findings if utterance in str(f.location)])
+        (
+            name,
+            [f"{f.code} {f.location}: {f.found}" for f in findings if utterance in str(f.location)],
+        )
         for utterance, (name, expected) in planted.items()
         if not any(matches(finding, expected, utterance) for finding in findings)
     ]
