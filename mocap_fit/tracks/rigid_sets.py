@@ -19,6 +19,8 @@ from mocap_fit.tracks.types import MarkerTracks
 
 # Frames that are used, at most: for the shape of a rigid set, and for one with missing markers.
 _SAMPLE, _PARTIAL_SAMPLE = 1000, 400
+# How often the frames are laid on the shape so far.
+_ROUNDS, _PARTIAL_ROUNDS = 5, 4
 # Markers whose triples are all tried.
 _MOST_MARKERS = 40
 # Triples that are grown to sets.
@@ -57,15 +59,13 @@ def _refine_shape(shape: FloatArray, frames: FloatArray, rounds: int) -> FloatAr
     return shape
 
 
-def compute_mean_shape(positions: ArrayLike, *, rounds: int = 5) -> FloatArray:
+def compute_mean_shape(positions: ArrayLike) -> FloatArray:
     """Return the shape of a rigid set: the median of the frames that show all of it.
 
     Parameters
     ----------
     positions
         ``(frames, points, 3)``, millimetres.
-    rounds
-        How often the frames are laid on the shape so far.
 
     Returns
     -------
@@ -86,22 +86,20 @@ def compute_mean_shape(positions: ArrayLike, *, rounds: int = 5) -> FloatArray:
             advice="Leave out the markers that are seldom seen.",
         )
     complete = complete[:: max(1, len(complete) // _SAMPLE)]
-    shape = _refine_shape(complete[0], complete, rounds)
+    shape = _refine_shape(complete[0], complete, _ROUNDS)
     rotations, translations, residuals = estimate_rigid_transforms(shape, complete[:1])
     if np.isnan(residuals[0]):
         return shape
     return np.asarray(shape @ rotations[0].T + translations[0])
 
 
-def compute_typical_shape(positions: FloatArray, *, rounds: int = 4) -> FloatArray:
+def compute_typical_shape(positions: FloatArray) -> FloatArray:
     """Return the median shape of markers of which some may be missing in every frame.
 
     Parameters
     ----------
     positions
         ``(frames, markers, 3)``, millimetres; one frame or more.
-    rounds
-        How often the frames are laid on the shape so far.
 
     Returns
     -------
@@ -111,7 +109,7 @@ def compute_typical_shape(positions: FloatArray, *, rounds: int = 4) -> FloatArr
     """
     sample = positions[:: max(1, len(positions) // _PARTIAL_SAMPLE)]
     counts = (~np.isnan(sample[:, :, 0])).sum(axis=1)
-    return _refine_shape(sample[int(np.argmax(counts))], sample, rounds)
+    return _refine_shape(sample[int(np.argmax(counts))], sample, _PARTIAL_ROUNDS)
 
 
 def find_reference_markers(recording: MarkerTracks, count: int | None = None) -> tuple[str, ...]:

@@ -125,6 +125,17 @@ def test_changes_of_distances_are_between_their_quantiles(rng):
     np.testing.assert_allclose(_measure_distance_changes(positions), expected, rtol=1e-3)
 
 
+@pytest.mark.parametrize(("noise", "joins"), [(0.15, True), (0.25, False)])
+def test_markers_join_that_keep_their_distances_half_as_well_again(rng, noise, joins):
+    """Distances of the four change by 0.14 mm, those to the fifth by 0.18 or 0.27 mm."""
+    tracks = recording(rng, frames=1000)
+    positions = tracks.positions.copy()
+    fifth = positions[:, tracks.index("h4")]
+    fifth += np.sqrt(noise**2 - 0.1**2) * rng.normal(size=fifth.shape)
+    chosen = find_reference_markers(tracks.replace(positions=positions))
+    assert set(chosen) == {"h0", "h1", "h2", "h3"} | ({"h4"} if joins else set())
+
+
 def test_markers_that_are_seldom_seen_are_not_considered(rng):
     tracks = recording(rng)
     positions = tracks.positions.copy()
@@ -149,3 +160,12 @@ def test_too_little_to_choose_from_is_refused(rng):
     assert find_reference_markers(three) == three.names
     with pytest.raises(DataError, match="expected 4 that are seen"):
         find_reference_markers(tracks.select(tracks.names[:2]))
+
+
+def test_every_frame_of_a_short_recording_counts(rng):
+    wild = moving(rng, frames=3)
+    wild[0] += 3 * rng.normal(size=(5, 3))
+    np.testing.assert_allclose(pdist(compute_mean_shape(wild)), pdist(SHAPE), atol=1e-6)
+    two = moving(rng, frames=2)
+    two[0, 1] = np.nan
+    np.testing.assert_allclose(pdist(compute_typical_shape(two)), pdist(SHAPE), atol=1e-6)

@@ -242,3 +242,23 @@ def test_one_point_of_a_frame_that_is_noisy_all_over_is_left_out_if_it_makes_mos
     fit = estimate_robust_transforms(SHAPE, target)
     assert fit.rejected[500:540, 0].mean() > 0.9
     assert fit.rejected[500:540, 1:].mean() < 0.05
+
+
+def test_frames_that_are_noisy_all_over_are_judged_by_those_nearby(rng):
+    """No point explains them; they do not say that the point that slipped is good again."""
+    turns, _, target = moving(rng)
+    target[:, 3] += 5 * turns.apply(SLIP)
+    target[500:540] += 2.0 * rng.normal(size=(40, 5, 3))
+    rejected = estimate_robust_transforms(SHAPE, target).rejected
+    assert rejected[500:540, 3].mean() > 0.95
+
+
+def test_frames_that_any_point_may_explain_are_judged_by_those_nearby(rng):
+    """While the point off the plane is hidden, any of the four in it may be the bad one."""
+    shape = np.array([[-60.0, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0], [0, 0, 50]])
+    turns, _, target = moving(rng, shape=shape)
+    target[:, 1] += 5 * turns.apply([0, 0, 1.0])
+    target[500:540, 4] = np.nan
+    rejected = estimate_robust_transforms(shape, target).rejected
+    assert rejected[:, 1].mean() > 0.99
+    assert rejected[500:540, 1].all()

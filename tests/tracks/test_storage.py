@@ -18,9 +18,12 @@ from mocap_fit.tracks import (
     PoseTracks,
     from_frame,
     read_parquet,
+    read_provenance,
     to_frame,
     write_parquet,
 )
+from mocap_fit.tracks.parquet_file import read_description, read_kind
+from mocap_fit.tracks.storage import is_tracks_file
 
 NUMBERS = st.floats(allow_infinity=False, allow_nan=True, width=64)
 ANY_NUMBERS = st.floats(allow_infinity=True, allow_nan=True, width=64)
@@ -292,3 +295,18 @@ def test_origins_survive(tmp_path):
     tracks = MarkerTracks(("a",), 60, positions, np.array(origin))
     write_parquet(tracks, tmp_path / "x.parquet")
     assert read_parquet(tmp_path / "x.parquet").origin.tolist() == [[3], [0], [2]]
+
+
+def test_a_file_says_what_it_holds_without_being_read(tmp_path):
+    path = tmp_path / "x.parquet"
+    write_parquet(parameters(), path)
+    assert is_tracks_file(path)
+    assert read_kind(path) == "parameters"
+    assert read_description(path)["names"] == list(parameters().names)
+    assert read_provenance(path) == parameters().provenance
+    pq.write_table(pa.table({"a": [1, 2]}), path)
+    assert read_description(path) is read_kind(path) is None
+    path.write_text("no Parquet")
+    assert read_description(path) is None
+    assert not is_tracks_file(path)
+    assert not is_tracks_file(tmp_path / "none.parquet")
