@@ -127,7 +127,7 @@ def validate_settings(
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        location, problem = find_first_fault(content, error.errors())
+        location, problem = _find_first_fault(content, error.errors())
         at = f" at {location}" if location else ""
         raise ConfigurationError(f"the {noun} is wrong{at}: {problem}", path=path) from None
 
@@ -178,23 +178,11 @@ def _locate(package: str, folder: str) -> Traversable:
     return root.joinpath(folder) if folder else root
 
 
-def find_first_fault(content: object, faults: Sequence[Any]) -> tuple[str, str]:
+def _find_first_fault(content: object, faults: Sequence[Any]) -> tuple[str, str]:
     """Return the location of pydantic's first error in a file, and what is wrong there.
 
-    Parameters
-    ----------
-    content
-        The tables and values of the file.
-    faults
-        The errors that pydantic lists.
-
-    Returns
-    -------
-    location : str
-        The keys that lead to it, such as ``markers.3 'chin'.weight``; empty for the complete
-        file. Entries of a list count from 0; one that has a name is shown with it.
-    problem : str
-        What is wrong, without a full stop.
+    The location lists the keys that lead to it, such as ``markers.3 'chin'.weight``; it is empty
+    for the complete file. Entries of a list count from 0; one that has a name is shown with it.
     """
     fault = faults[0]
     location = []

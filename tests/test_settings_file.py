@@ -6,7 +6,6 @@ import pickle
 import pytest
 from pydantic import Field, ValidationError
 
-from mocap_fit import settings_file
 from mocap_fit.errors import ConfigurationError, FileFormatError, MissingFileError
 from mocap_fit.settings_file import StrictModel, list_shipped, load_settings
 
@@ -72,6 +71,11 @@ def test_a_name_that_is_none_lists_the_shipped_ones(package, tmp_path):
         (b"items = []\nrate = inf", ConfigurationError, "at rate: .*finite"),
         (b"items = 3", ConfigurationError, "at items: give a list, in square brackets"),
         (
+            b'items = [{ name = "a" }, { weight = 2 }]',
+            ConfigurationError,
+            "at items.1.name: this is missing",
+        ),
+        (
             b'items = [{ name = "a" }, { name = "b", weight = 0 }]',
             ConfigurationError,
             "at items.1 'b'.weight: .*greater than 0",
@@ -92,24 +96,3 @@ def test_settings_are_read_only_compared_and_copied():
         shelf.rate = 1.0
     assert copy.deepcopy(shelf) == pickle.loads(pickle.dumps(shelf)) == shelf
     assert shelf != Shelf(items=())
-
-
-@pytest.mark.parametrize(
-    ("location", "message", "place", "problem"),
-    [
-        (("rate",), "Field required", "rate", "this is missing"),
-        (("rows", 1, "size"), "Input should be 3", "rows.1 'b'.size", "input should be 3"),
-        (
-            ("rows", 1, "name", "str"),
-            "Value error, 'b' is taken",
-            "rows.1 'b'.name",
-            "'b' is taken",
-        ),
-        (("rows", 5), "Field required", "rows.5", "this is missing"),
-        ((), "Value error, too few rows", "", "too few rows"),
-    ],
-)
-def test_the_first_fault_of_a_file_of_tables(location, message, place, problem):
-    content = {"rows": [{"size": 1}, {"name": "b", "size": 2}]}
-    faults = [{"loc": location, "msg": message}, {"loc": ("other",), "msg": "other"}]
-    assert settings_file.find_first_fault(content, faults) == (place, problem)
