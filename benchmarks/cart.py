@@ -30,10 +30,8 @@ for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_variable] = "1"  # before numpy is imported, or it does not count
 
 import argparse
-import contextlib
 import json
 import statistics
-import sys
 import tempfile
 import time
 from pathlib import Path

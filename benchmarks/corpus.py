@@ -41,7 +41,7 @@ LAYOUT = "face30-head5"
 
 
 def command(session: Path, out: Path, *options: str) -> list[str]:
-    """The arguments that fit all of a session."""
+    """Return the arguments that fit all of a session."""
     files = ["fit", str(session / "recordings"), "--reference", str(session / "reference.tsv")]
     return [*files, "--layout", LAYOUT, "--out", str(out), *options]
 

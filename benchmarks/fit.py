@@ -240,7 +240,7 @@ def scipy_powell(problem: Problem, frames: int) -> Answer:
 
 
 def scipy_least_squares(problem: Problem, frames: int) -> Answer:
-    """A trust region on the roots of the distances."""
+    """Minimise with a trust region on the roots of the distances."""
     binding = problem.binding
     roots = np.sqrt(binding.weights)
     evaluator = Evaluator(binding, "distances", 1.0)
@@ -323,7 +323,7 @@ def measure(problem: Problem, quick: bool) -> dict[str, dict[str, float]]:
 
 
 def true_costs(problem: Problem, values: FloatArray) -> FloatArray:
-    """The objective at the answers, `(frames,)`, in plain numpy for all methods."""
+    """Compute the objective at the answers, `(frames,)`, in plain numpy for all methods."""
     markers, weights = NumpyMarkers(problem.binding), problem.binding.weights
     return np.array(
         [
@@ -374,7 +374,7 @@ def show(results: dict[str, dict[str, float]], quick: bool) -> None:
 
 
 def with_markers(binding: Binding, count: int) -> Binding:
-    """The binding with its first markers, or with all of them more than once."""
+    """Return the binding with its first markers, or with all of them more than once."""
     order = np.arange(count) % len(binding.names)
     rings = np.split(binding.rings, binding.ring_starts[1:-1])
     chosen = [rings[m] for m in order]
@@ -425,7 +425,7 @@ class FewerParameters:
 
 
 def with_parameters(binding: Binding, count: int) -> Binding:
-    """The binding with its first parameters."""
+    """Return the binding with its first parameters."""
     rig = FewerParameters(binding.rig, count)
     return dataclasses.replace(
         binding,
@@ -478,7 +478,7 @@ def subdivided(mesh: Mesh) -> Mesh:
 
 
 def with_mesh(mesh: Mesh) -> Binding:
-    """The layout's markers, where the built-in head wears them, on the rig of a mesh."""
+    """Bind the layout's markers, where the built-in head wears them, to the rig of a mesh."""
     layout = load_layout("face30-head5")
     worn = Session(layout, load_face(), Conditions(noise=0.0)).still
     return bind_markers(load_face(mesh=mesh), layout, worn, Orientation())

@@ -46,7 +46,7 @@ def movement(frames: int) -> ParameterTracks:
 
 
 def plain_plotter() -> tuple[Any, list[tuple[Any, Any]]]:
-    """What the documentation of pyvista shows: a mesh a part, its lights, its anti-aliasing."""
+    """Draw as pyvista's documentation does: a mesh a part, its lights, its anti-aliasing."""
     import pyvista
 
     mesh = load_face().mesh

@@ -14,7 +14,7 @@ import mocap_fit
 
 sys.path.insert(0, str(Path(__file__).parent))
 from docstrings import faults, items, modules
-from test_words import ROOT, every_module, functions, is_pending
+from test_words import ROOT, every_module, functions
 
 CHECKS = ["PR01", "PR02", "PR03", "PR07", "PR08", "PR10", "RT01", "RT03", "YD01", "SS05"]
 PRIVATE = r"(^|\.)_"

@@ -223,7 +223,7 @@ def _check_rate_against_times(
     expected = (len(times) - 1) / rate
     if abs(duration - expected) > 0.01 * expected + 2.0 * 10.0**-decimals:
         raise RateMismatchError(
-            "the header\'s rate and the times of the frames contradict each other",
+            "the header's rate and the times of the frames contradict each other",
             path=path,
             line=int(lines[-1]),
             found=f"{rate:g} Hz and {(len(times) - 1) / duration:.6g} Hz",

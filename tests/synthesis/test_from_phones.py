@@ -7,7 +7,7 @@ from mocap_fit.control import create
 from mocap_fit.control.rule_based import RuleBased
 from mocap_fit.errors import DataError
 from mocap_fit.phones import PhoneSegment, PhoneSequence
-from mocap_fit.synthesis import to_model_phones, stream_frames, synthesise
+from mocap_fit.synthesis import stream_frames, synthesise, to_model_phones
 
 
 def said(symbols: str, phone_set: str = "en-arpabet", start: float = 0.3) -> PhoneSequence:
