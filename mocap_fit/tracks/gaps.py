@@ -193,7 +193,7 @@ def fill_gaps(
             filled = _predict_from_others(tracks.positions[:, marker], others, shape, k, gaps)
         for gap in gaps:
             positions[gap, marker] = filled[gap]
-            known = ~np.isnan(filled[gap, 0])
+            known = ~np.isnan(filled[gap]).any(axis=1)
             origin[gap, marker] = np.where(known, Origin.FILLED, Origin.MISSING)
     # JSON has no infinity.
     length = None if np.isinf(maximum_gap) else float(maximum_gap)

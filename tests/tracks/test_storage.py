@@ -310,3 +310,14 @@ def test_a_file_says_what_it_holds_without_being_read(tmp_path):
     assert read_description(path) is None
     assert not is_tracks_file(path)
     assert not is_tracks_file(tmp_path / "none.parquet")
+
+
+@pytest.mark.parametrize(("late", "refused"), [(0.24, False), (0.26, True)])
+def test_a_time_may_be_off_by_a_quarter_of_a_frame(late, refused):
+    frame = pd.DataFrame({"time": np.arange(6) / 50, "jaw": np.arange(6.0)})
+    frame.loc[3, "time"] += late / 50
+    if refused:
+        with pytest.raises(DataError, match=r"frame 3: the times are not evenly spaced"):
+            from_frame(frame, "parameters", rate=50)
+    else:
+        assert from_frame(frame, "parameters", rate=50).frames == 6
