@@ -240,3 +240,52 @@ def test_ten_times_less_certain_is_uncertain(speaker, noisy, fitted):
     between = (ratios > 5.0) & (ratios < 20.0)
     assert uncertain[between].any()
     assert not uncertain[between].all()
+
+
+def test_head_markers_count_by_the_weights_of_the_layout(noisy, face, layout):
+    markers = [
+        marker.model_copy(update={"weight": 4.0}) if marker.name == "head_bridge" else marker
+        for marker in layout.markers
+    ]
+    weighted = fit_speaker(face, layout.model_copy(update={"markers": tuple(markers)}), noisy[0])
+    _, motion = weighted.remove_head_motion(noisy[1].recording)
+    bridge = motion.reference_names.index("head_bridge")
+    assert motion.weights.max(axis=0).tolist() == [4.0 if i == bridge else 1.0 for i in range(5)]
+    np.testing.assert_array_equal(weighted.binding.head_weights, motion.weights.max(axis=0))
+
+
+def test_recordings_are_brought_to_size_where_the_layout_says_so(noisy, face, layout, fitted):
+    larger = noisy[1].recording.replace(positions=1.3 * noisy[1].recording.positions)
+    varied = fit_speaker(face, layout.model_copy(update={"size_varies": True}), noisy[0])
+    fit = varied.fit(larger)
+    known = np.isfinite(fit.residuals) & np.isfinite(fitted.residuals)
+    difference = fit.parameters.values[known] - fitted.parameters.values[known]
+    assert np.abs(difference).max() < 0.02
+    assert "match_size" in [step.name for step in fit.parameters.provenance]
+
+
+def test_results_of_other_faces_are_told_apart(noisy, layout, speaker):
+    """A rig that does not compile is known by what it answers."""
+
+    class Other:
+        """The built-in head, whose answers are changed a little."""
+
+        def __init__(self, rig, change):
+            self._rig, self._change = rig, change
+
+        def __getattr__(self, name):
+            return getattr(self._rig, name)
+
+        def deform(self, parameters):
+            return self._rig.deform(parameters) + self._change * np.sum(parameters)
+
+        def compile(self, vertex_ids):
+            return None
+
+    rig = speaker.binding.rig
+    fingerprints = {
+        fit_speaker(Other(rig, change), layout, noisy[0]).compute_fingerprint()
+        for change in (0.0, 0.0, 1e-6)
+    }
+    assert len(fingerprints) == 2
+    assert speaker.compute_fingerprint() not in fingerprints
