@@ -12,7 +12,7 @@ def format_value(values: Sequence[float], digits: int) -> str:
     Parameters
     ----------
     values
-        The value, and the low and the high end of its interval.
+        The value, and the low and the high end of its interval, in any unit.
     digits
         Digits after the point.
 
