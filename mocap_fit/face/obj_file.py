@@ -128,4 +128,4 @@ def _join_by_shared_vertices(
         (np.ones(faces.size), (np.repeat(labels, 3), faces.ravel())),
         shape=(name_count, vertex_count),
     )
-    return np.asarray(connected_components(uses @ uses.T, directed=False)[1], dtype=np.int64)
+    return np.asarray(connected_components(uses @ uses.T)[1], dtype=np.int64)

@@ -24,7 +24,6 @@ _TYPES = {
     "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
 }  # fmt: skip
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-_LONGEST_HEADER = 100_000
 _Column = NDArray[np.generic] | list[NDArray[np.generic]]
 
 
@@ -80,7 +79,7 @@ def read_ply(path: Path) -> Piece:
 
 def _parse_header(data: bytes, path: Path) -> tuple[str, list[_Element], int]:
     """Byte order ("" for text), the elements, and where the records begin."""
-    head, end, _ = data[:_LONGEST_HEADER].partition(b"end_header")
+    head, end, _ = data.partition(b"end_header")
     lines = head.decode("latin-1").splitlines()
     if not lines or lines[0].strip() != "ply" or not end:
         raise FileFormatError(

@@ -251,7 +251,7 @@ def test_three_vertices_on_a_line_have_no_area_whatever_rounding_does(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("across", "fits"), [(79.9, False), (80.1, True), (599.9, True), (600.1, False)]
+    ("across", "fits"), [(79.9, False), (80, True), (600, True), (600.1, False)]
 )
 def test_heads_are_8_to_60_centimetres_across(tmp_path, across, fits):
     vertices, triangles = egg()
@@ -528,6 +528,27 @@ def test_impossible_scales_are_refused(tmp_path, scale):
     path = write_obj(tmp_path / "a.obj", V, T)
     with pytest.raises(ConfigurationError, match="scale"):
         read_mesh(path, scale=scale)
+
+
+def test_a_scale_may_shrink(tmp_path):
+    path = write_obj(tmp_path / "a.obj", 10 * V, T)
+    np.testing.assert_allclose(quiet(path, scale=0.1).vertices, V, atol=1e-6)
+
+
+def test_blocks_of_a_vtk_file_become_parts_by_name(tmp_path):
+    import pyvista
+
+    blocks = pyvista.MultiBlock()
+    for name, shift in (("face", 0.0), ("tongue", 20.0)):
+        blocks[name] = pyvista.PolyData.from_regular_faces(V + shift, T)
+    inner = pyvista.MultiBlock([pyvista.PolyData.from_regular_faces(V - 20, T), None])
+    inner.set_block_name(0, None)
+    blocks["more"] = inner
+    blocks.save(tmp_path / "head.vtm")
+    mesh = quiet(tmp_path / "head.vtm")
+    assert [part.name for part in mesh.parts][:2] == ["face", "tongue"]
+    assert len(mesh.parts) == 3
+    np.testing.assert_allclose(mesh.vertices[mesh.get_region("tongue")], V + 20, atol=1e-4)
 
 
 def test_the_suggested_scale_works(tmp_path):
