@@ -262,12 +262,9 @@ def write_sound(
             found=f"{sound.rate} Hz",
             expected="an integer",
         )
-    samples: FloatArray = sound.samples
-    encoding = encoding or sound.encoding
-    if encoding.startswith("PCM"):
-        samples = np.clip(samples, -1.0, 1.0)
     stream = io.BytesIO()
-    soundfile.write(stream, samples, rate, subtype=encoding, format="WAV")
+    subtype = encoding or sound.encoding
+    soundfile.write(stream, sound.samples, rate, subtype=subtype, format="WAV")
     with write_atomically(path) as partial:
         partial.write_bytes(_remove_clock_time(stream.getvalue()))
 

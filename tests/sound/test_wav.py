@@ -52,6 +52,7 @@ class TestFiles:
         found = read_sound(tmp_path / "a.wav")
         assert (found.name, found.rate, found.samples.shape) == ("a", 16000, (8000, 2))
         assert np.abs(found.samples - stereo.samples).max() <= error
+        assert found.encoding == encoding
         assert [path.name for path in tmp_path.iterdir()] == ["a.wav"]
 
     def test_what_is_too_loud_is_clipped_and_does_not_turn_over(self, tmp_path):
@@ -98,8 +99,9 @@ class TestFiles:
             read_sound(tmp_path / "a.wav")
 
     def test_what_cannot_be_written(self, stereo, tmp_path):
-        with pytest.raises(DataError, match="integer"):
-            write_sound(stereo.replace(rate=16000.5), tmp_path / "a.wav")
+        for rate in (16000.5, 16000 * (1 + 1.5e-9), 16000 * (1 - 1.5e-9)):
+            with pytest.raises(DataError, match="integer"):
+                write_sound(stereo.replace(rate=rate), tmp_path / "a.wav")
         with pytest.raises(FileFormatError, match="cannot be written"):
             write_sound(stereo, tmp_path / "none" / "a.wav")
         assert not list(tmp_path.iterdir())
