@@ -150,3 +150,39 @@ def test_equations_that_are_not_definite_end_the_search():
         max_iter=5, tol=0.0,
     )  # fmt: skip
     np.testing.assert_array_equal(last, start)
+
+
+@pytest.mark.parametrize("scale", [0.03, 1.0, 30.0])
+def test_values_at_bounds_leave_the_steps_of_the_others_alone(scale, rng):
+    matrix, target = scale * rng.normal(size=(8, 3)), scale * rng.normal(size=8) * 3
+    lower, upper = np.array([-0.1, -9.0, -0.2]), np.array([0.1, 9.0, 0.2])
+    start = np.array([0.1, 0.0, -0.2])
+    path = run(linear(matrix, target), start, (lower, upper), max_iter=30)
+    point, damping, held = start, FIRST, 0
+    for reached, _ in path[1:6]:
+        residuals = matrix @ point - target
+        gradient = matrix.T @ residuals
+        outward = ((point == lower) & (gradient > 0)) | ((point == upper) & (gradient < 0))
+        held += np.count_nonzero(outward)
+        free = np.flatnonzero(~outward)
+        hessian = matrix[:, free].T @ matrix[:, free]
+        while True:
+            candidate = point.copy()
+            candidate[free] -= np.linalg.solve(
+                hessian + damping * np.diag(np.diag(hessian)), gradient[free]
+            )
+            candidate = np.clip(candidate, lower, upper)
+            if np.sum((matrix @ candidate - target) ** 2) < residuals @ residuals:
+                break
+            damping *= INCREASE
+        damping *= DECREASE
+        np.testing.assert_allclose(reached, candidate, atol=1e-9)
+        point = reached
+    assert held > 2
+
+
+@pytest.mark.parametrize("scale", [0.1, 10.0])
+def test_a_value_at_either_bound_comes_back(scale):
+    bounds = np.array([0.0, 0.0]), np.array([1.0, 1.0])
+    path = run(linear(scale * np.eye(2), scale * np.array([0.25, 0.75])), [1.0, 0.0], bounds)
+    np.testing.assert_allclose(path[-1][0], [0.25, 0.75], atol=1e-6)

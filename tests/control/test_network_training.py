@@ -506,8 +506,10 @@ def test_weights_are_drawn_as_large_as_their_number_asks():
     assert weights.delayed.shape == (3, 200, 50)
     assert weights.outputs.shape == (3, 50, 60)
     for array, deviation in (
-        (weights.inputs, 400**-0.5), (weights.delayed, 0.7 * 200**-0.5), (weights.outputs, 50**-0.5),
-    ):  # fmt: skip
+        (weights.inputs, 400**-0.5),
+        (weights.delayed, 0.7 * 200**-0.5),
+        (weights.outputs, 50**-0.5),
+    ):
         assert array.std() == pytest.approx(deviation, rel=0.05)
         assert abs(array.mean()) < 0.05 * deviation
     assert not weights.hidden_bias.any()

@@ -440,3 +440,17 @@ def test_a_boundary_within_rounding_is_reached(offset):
     assert inputs.index(0.4) == 0
     inputs.forget_before(9.0)
     assert inputs.index(0.7) == 2
+
+
+def test_two_frames_are_joined_by_a_line():
+    tracks = ParameterTracks(("a",), 30.0, np.array([[0.0], [1.0]]))
+    np.testing.assert_allclose(sample_targets(tracks, 0.0)[:, 0], [0.0, 0.5, 1.0], atol=1e-9)
+    np.testing.assert_allclose(sample_targets(tracks, -1 / 60)[1:, 0], [0.0, 0.5, 1.0], atol=1e-9)
+    assert np.isnan(sample_targets(tracks, -1 / 60)[0, 0])
+
+
+def test_the_mean_error_of_one_value_is_itself():
+    counted = np.array([0.0, 1.0, 0.0]).reshape(1, 1, 3, 1)
+    difference = counted * 0.6
+    np.testing.assert_allclose(subtract_offsets(difference, counted, 1.0), 0.0, atol=1e-15)
+    np.testing.assert_allclose(subtract_offsets(difference, counted, 0.25), 0.75 * difference)
