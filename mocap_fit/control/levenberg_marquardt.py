@@ -89,7 +89,7 @@ def minimise(
         damping *= _DECREASE
         point = candidate
         stop = callback is not None and callback(iteration, point, reached)
-        if stop or now.cost - reached < tol * now.cost or reached == 0.0:
+        if stop or now.cost - reached < tol * now.cost:
             break
         if iteration < max_iter:
             now = equations(point)

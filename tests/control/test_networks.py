@@ -1,5 +1,6 @@
 """Recurrent networks: what they see, what they compute, and their live form."""
 
+import copy
 import itertools
 import math
 
@@ -419,7 +420,16 @@ def test_after_a_second_without_phones_in_sight_nothing_moves(low_latency):
     phones = spoken("sil M 'A:", 4)
     last = phones[-1].end - phones[0].start + (28 + 60) / INNER_RATE
     times = phones[0].start + last + np.array([-1.0 / INNER_RATE, 0.0, 1.0, 50.0])
-    values = low_latency.predict_at(phones, times)
+    # Hidden units that forget as slowly as they can.
+    model = copy.deepcopy(low_latency)
+    weights = []
+    for each in model.weights_:
+        delayed = np.zeros_like(each.delayed)
+        delayed[:, -delayed.shape[2] :] = np.eye(delayed.shape[2])
+        weights.append(each._replace(delayed=delayed))
+    model._set_weights(weights)
+    values = model.predict_at(phones, times)
+    assert np.abs(values[1] - values[0]).max() > 1e-9
     np.testing.assert_array_equal(values[1], values[2])
     np.testing.assert_array_equal(values[1], values[3])
 
