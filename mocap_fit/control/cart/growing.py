@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from mocap_fit.control.cart.arrays import (
-    IntArray,
     Nodes,
     QuestionTable,
     Rules,
@@ -84,7 +83,7 @@ class PruningCurve:
         return float(self.alphas[np.flatnonzero(mean <= limit * (1 + 1e-12))[-1]])
 
 
-_NOBODY, _NONE = np.zeros(0, dtype=np.int64), np.zeros(0)
+_NONE = np.zeros(0)
 
 
 def grow(sample: Sample, table: QuestionTable, rules: Rules, alpha: float = -np.inf) -> Nodes:
@@ -106,10 +105,8 @@ def grow(sample: Sample, table: QuestionTable, rules: Rules, alpha: float = -np.
     Nodes
         At least one.
     """
-    everyone = np.arange(len(sample.targets))
-    nodes: Any = allocate_nodes(len(everyone), int(table.sizes.max()))
-    judged = (_NONE, _NONE, _NONE)
-    count = grow_and_prune(sample, everyone, _NOBODY, table, rules, alpha, *judged, nodes)
+    nodes: Any = allocate_nodes(len(sample.targets), int(table.sizes.max()))
+    count = grow_and_prune(sample, -1, table, rules, alpha, _NONE, _NONE, _NONE, nodes)
     return Nodes(*(array[:count].copy() for array in nodes))
 
 
@@ -120,13 +117,13 @@ def judge(
     rules: Rules,
     alphas: FloatArray,
     workspace: Nodes | None = None,
-) -> PruningCurve:
+) -> PruningCurve | None:
     """Grow a tree without one fold, and let that fold judge how strongly to prune it.
 
     Parameters
     ----------
     sample
-        The examples, at least one of them not in the fold.
+        The examples.
     fold
         The fold that is held out.
     table
@@ -140,15 +137,14 @@ def judge(
 
     Returns
     -------
-    PruningCurve
-        Errors on the fold.
+    PruningCurve | None
+        Errors on the fold; None where no example is in it, or all are.
     """
-    is_out = sample.folds == fold
-    out: IntArray = np.flatnonzero(is_out)
-    chosen: IntArray = np.flatnonzero(~is_out)
+    examples, count = len(sample.folds), int(np.count_nonzero(sample.folds == fold))
+    if count in (0, examples):
+        return None
     if workspace is None:
-        workspace = allocate_nodes(len(chosen), int(table.sizes.max()))
+        workspace = allocate_nodes(examples, int(table.sizes.max()))
     errors, squares = np.zeros(len(alphas)), np.zeros(len(alphas))
-    judged = (alphas, errors, squares)
-    grow_and_prune(sample, chosen, out, table, rules, np.inf, *judged, workspace)
-    return PruningCurve(alphas, errors, squares, len(out))
+    grow_and_prune(sample, fold, table, rules, np.inf, alphas, errors, squares, workspace)
+    return PruningCurve(alphas, errors, squares, count)

@@ -21,7 +21,6 @@ one file only. Without numba the same functions run as plain Python, slowly.
 """
 
 # mypy: disable-error-code="no-untyped-def"
-
 from __future__ import annotations
 
 from typing import Any, NamedTuple
@@ -295,11 +294,11 @@ def _divide(row, side, start, end, examples, spare):
 
 
 @_inner
-def _grow(sample, chosen, table, rules, nodes):
-    """Grow a tree of the chosen examples; returns the number of its nodes."""
-    most, attributes, sizes = len(chosen), len(sample.levels), nodes.sides.shape[1]
+def _grow(sample, examples, table, rules, nodes):
+    """Grow a tree of some examples, which it sorts; returns the number of its nodes."""
+    most, attributes, sizes = len(examples), len(sample.levels), nodes.sides.shape[1]
     # The examples of a node are adjacent, from its start to its end.
-    examples, spare, folds = chosen.copy(), np.empty(most, np.int64), np.empty(most, np.int64)
+    spare, folds = np.empty(most, np.int64), np.empty(most, np.int64)
     deviations = np.empty(most)
     starts, ends = np.empty(2 * most + 1, np.int64), np.empty(2 * most + 1, np.int64)
     depths = np.empty(2 * most + 1, np.int64)
@@ -467,15 +466,15 @@ def _prune(count, nodes, strong, alpha):
 
 
 @compiled
-def grow_and_prune(sample, chosen, out, table, rules, alpha, alphas, errors, squares, nodes):
-    """Grow a tree of some examples, let others judge it, and prune it.
+def grow_and_prune(sample, fold, table, rules, alpha, alphas, errors, squares, nodes):
+    """Grow a tree without one fold, let that fold judge it, and prune it.
 
     Parameters
     ----------
     sample
         Levels, targets and folds of all examples.
-    chosen, out
-        The examples that the tree is grown from, and those held out that judge it, ``(count,)``.
+    fold
+        The fold that is held out; -1 for none.
     table, rules
         The questions, and how the tree is grown.
     alpha
@@ -483,8 +482,8 @@ def grow_and_prune(sample, chosen, out, table, rules, alpha, alphas, errors, squ
     alphas
         Strengths at which the tree is judged, ascending, in variances, ``(alphas,)``.
     errors, squares
-        What ``out`` says of each alpha is added to these: squared errors and their squares, in
-        powers of the unit of the targets, ``(alphas,)``.
+        The squared errors of the fold at each alpha and the squares of these are added, in powers
+        of the unit of the targets, ``(alphas,)``.
     nodes
         Space for two nodes an example, to be overwritten.
 
@@ -493,8 +492,9 @@ def grow_and_prune(sample, chosen, out, table, rules, alpha, alphas, errors, squ
     int
         Number of nodes of the pruned tree.
     """
-    count = _grow(sample, chosen, table, rules, nodes)
+    levels, targets, folds = sample
+    count = _grow(sample, np.flatnonzero(folds != fold), table, rules, nodes)
     strong = compute_alphas(count, nodes.children, nodes.counts, nodes.validated)
-    levels, targets, _ = sample
+    out = np.flatnonzero(folds == fold)
     _judge(levels, targets, out, table.attributes, nodes, strong, alphas, errors, squares)
     return _prune(count, nodes, strong, alpha)

@@ -243,9 +243,6 @@ class Grower:
 
     def _judge(self, data: _TreeData, fold: int, alphas: FloatArray) -> PruningCurve | None:
         """Let one fold judge the tree that the others grow; None where it cannot."""
-        folds = data.sample.folds
-        if np.count_nonzero(folds == fold) in (0, len(folds)):
-            return None
         return judge(data.sample, fold, data.table, self.growth.rules, alphas, self._workspace)
 
     def judge_together(self, prepared: Sequence[_TreeData]) -> PruningCurve:
