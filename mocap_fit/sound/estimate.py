@@ -183,7 +183,7 @@ def _correlate(
     """Return the correlation of lip opening and energy where both are known; NaN for too few."""
     energies = np.interp(times, grid, energy, left=np.nan, right=np.nan)
     both = np.isfinite(energies) & np.isfinite(distance)
-    if both.sum() < max(3, _SHORTEST * rate, _SHARE * len(distance)):
+    if both.sum() < max(_SHORTEST * rate, _SHARE * len(distance)):
         return float("nan")
     one, other = distance[both], energies[both]
     one, other = one - one.mean(), other - other.mean()

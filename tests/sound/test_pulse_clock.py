@@ -120,9 +120,11 @@ class TestFollowing:
         slope, start = np.polyfit(np.arange(5), begins, 1)
         assert (clock.period, clock.start) == (pytest.approx(slope), pytest.approx(start))
 
-    @pytest.mark.parametrize(("width", "shift", "reach"), [(1, 2, 2), (1, 3, 2), (12, 6, 6)])
+    @pytest.mark.parametrize(
+        ("width", "shift", "reach"), [(1, 2, 2), (1, 3, 2), (12, 6, 6), (12, 11, 18)]
+    )
     def test_how_far_a_pulse_may_be_from_the_first_estimate(self, width, shift, reach):
-        """Two samples, or half of a pulse's width."""
+        """Two samples, or half of a pulse's width, in each of three rounds."""
         begins = np.arange(50, 4000, 50)
         channel = channel_with(begins + shift, width, 4000)
         clock = follow_pulses(channel, Grid(50.0, 50.0, width, 1, 0, 4000))

@@ -76,6 +76,7 @@ class TestExtra:
         assert self.count([*frames, 150, 420, 490]) == 3
         # Within two samples of a frame it is the frame's.
         assert self.count([102, *frames[1:]]) == 0
+        assert self.count([98, *frames[1:]]) == 0
         assert self.count([103, *frames[1:]]) == 1
         assert self.count([97, *frames[1:]]) == 1
         # Or half of its width.

@@ -313,8 +313,8 @@ class TestNumbers:
         assert decode_pulses(make_train(frames=3).channel, 48000, 60.0).frames == 3
 
     def test_as_many_extra_pulses_as_frames_are_another_rate(self, make_train):
-        train = make_train(16000, doubled=160, frames=240, width=8)
-        assert decode_pulses(train.channel, 16000, 60.0, 240).extra == 160
+        train = make_train(16000, doubled=168, frames=240, width=8)
+        assert decode_pulses(train.channel, 16000, 60.0, 240).extra == 168
         train = make_train(16000, doubled=180, frames=240, width=8)
         with pytest.raises(DataError, match="does not hold"):
             decode_pulses(train.channel, 16000, 60.0, 240)
