@@ -6,7 +6,7 @@ import pytest
 from corpus_tools import simulation as simulate
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.errors import DataError
-from mocap_fit.evaluation.landmarks import FITTED, evaluate_landmarks
+from mocap_fit.evaluation.landmarks import FITTED, LandmarkScores, _Mouth, evaluate_landmarks
 from mocap_fit.face import load_face
 from mocap_fit.fitting import load_layout
 from mocap_fit.phones import PhoneSegment, PhoneSequence
@@ -56,3 +56,45 @@ def test_what_cannot_be_compared_is_refused(recorded):
     bare = [m for m in layout.markers if m.feature_point not in ("8.3", "8.4", "2.4", "2.5")]
     with pytest.raises(DataError, match=r"shows the mouth.*8\.3, 8\.4 or 2\.4, 2\.5"):
         evaluate_landmarks(recorded, {}, layout=layout.model_copy(update={"markers": tuple(bare)}))
+
+
+def test_the_four_measures_are_distances_and_places_of_feature_points():
+    face = load_face()
+    mouth = _Mouth(face, load_layout("face30-head5"))
+    values = np.random.default_rng(0).uniform(0, 0.5, (4, len(face.parameter_names)))
+    values[2, 1] = np.nan
+    found = mouth.measure_face(values)
+    assert np.isnan(found).any(axis=1).tolist() == [False, False, True, False]
+    for frame in (0, 1, 3):
+        vertices = face.deform(values[frame])
+        point = {name: vertices[face.mesh.get_feature_point(name)] for name in mouth._points}
+        upper, lower, left, right, chin = "2.2", "2.3", "8.3", "8.4", "2.1"
+        if upper not in point:
+            upper, lower = "8.1", "8.2"
+        if left not in point:
+            left, right = "2.4", "2.5"
+        if chin not in point:
+            chin = "2.10"
+        outer = ("8.1", "8.2") if "8.1" in point else ("2.2", "2.3")
+        expected = [
+            point[upper][1] - point[lower][1],
+            point[left][0] - point[right][0],
+            point[chin][1],
+            0.5 * (point[outer[0]][2] + point[outer[1]][2]),
+        ]
+        np.testing.assert_allclose(found[frame], expected, atol=1e-9)
+    # The left of a face has the greater x.
+    assert (found[[0, 1, 3], 1] > 20).all()
+
+
+def test_scores_beside_the_markers_print_the_best_first():
+    correlation = np.array([[0.5, 0.6, 0.7, 0.8], [0.9, 0.9, 0.9, 0.9]])
+    scores = LandmarkScores(
+        ("a", "b"), correlation, np.array([0.6, 0.8]), np.array([0.7, 0.95]), 3, 90
+    )
+    lines = str(scores).splitlines()
+    assert lines[0].split()[-3:] == ["mean", "from", "to"]
+    assert [line.split()[0] for line in lines[1:]] == ["b", "a"]
+    assert lines[2].split()[1:] == ["0.500", "0.600", "0.700", "0.800", "0.650", "0.600", "0.700"]
+    assert "3 utterances, 90 frames" in repr(scores)
+    assert scores._repr_html_().count("<tr>") == 3
