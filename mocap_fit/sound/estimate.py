@@ -136,15 +136,15 @@ def estimate_offset(
     return OffsetEstimate(
         float(lags[best] + _STEP * _interpolate_peak(*correlations[best - 1 : best + 2])),
         peak,
-        0.5 * _STEP * max(_count_near_peak(correlations, best), 1),
+        0.5 * _STEP * _count_near_peak(correlations, best),
     )
 
 
 def _count_near_peak(correlations: FloatArray, best: int) -> int:
-    """Return the number of steps around a peak in which a tenth of it is lost at most."""
+    """Return the steps around a peak in which it loses a tenth at most, one at least."""
     near = correlations >= 0.9 * correlations[best]
     after, before = near[best:], near[best::-1]
-    return int(sum(np.logical_and.accumulate(side).sum() - 1 for side in (before, after)))
+    return max(sum(int(np.logical_and.accumulate(side).sum()) - 1 for side in (before, after)), 1)
 
 
 def _interpolate_peak(before: float, peak: float, after: float) -> float:

@@ -82,7 +82,7 @@ def test_it_is_the_largest_correlation(seed, start):
 @pytest.mark.parametrize(
     ("correlations", "best", "steps"),
     [
-        ([0.1, 0.5, 1.0, 0.5, 0.1], 2, 0),
+        ([0.1, 0.5, 1.0, 0.5, 0.1], 2, 1),
         ([0.1, 0.91, 1.0, 0.89, 0.95], 2, 1),
         ([0.2, 0.44, 0.45, 0.5, 0.46, 0.45, 0.44], 3, 3),
         ([np.nan, 0.95, 1.0, 0.95, np.nan], 2, 2),

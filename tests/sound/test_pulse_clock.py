@@ -121,7 +121,7 @@ class TestFollowing:
         assert (clock.period, clock.start) == (pytest.approx(slope), pytest.approx(start))
 
     @pytest.mark.parametrize(
-        ("width", "shift", "reach"), [(1, 2, 2), (1, 3, 2), (12, 6, 6), (12, 11, 18)]
+        ("width", "shift", "reach"), [(1, 2, 2), (1, 3, 2), (12, 6, 6), (12, 16, 18)]
     )
     def test_how_far_a_pulse_may_be_from_the_first_estimate(self, width, shift, reach):
         """Two samples, or half of a pulse's width, in each of three rounds."""

@@ -16,6 +16,15 @@ def stereo():
 
 
 class TestSound:
+    def test_samples_cannot_be_changed_and_are_a_copy(self):
+        samples = np.zeros(3)
+        sound = Sound(samples, 8000)
+        samples[0] = 1.0
+        assert sound.samples[0, 0] == 0
+        with pytest.raises(ValueError, match="read-only"):
+            sound.samples[0] = 1.0
+        assert repr(sound) == "Sound('', 1 channel, 0.00 s at 8000 Hz)"
+
     def test_channels_are_counted_from_one(self, stereo):
         assert (stereo.channels, len(stereo), stereo.duration) == (2, 8000, 0.5)
         np.testing.assert_array_equal(stereo.get_channel(2), stereo.samples[:, 1])
