@@ -88,10 +88,7 @@ def _fit(
             fresh=fresh,
             progress=progress,
         )
-    if as_json:
-        display.print_json(report.to_dict())
-    else:
-        corpus_printing.print_fit(report)
+    display.print_report(report, corpus_printing.print_fit, as_json=as_json)
     raise typer.Exit(Status.BAD_DATA if report.errors else Status.DONE)
 
 
@@ -170,10 +167,7 @@ def _convert(
         )
     for line in report.messages:
         console.say(line)
-    if as_json:
-        display.print_json(report.to_dict())
-    else:
-        corpus_printing.print_conversion(report)
+    display.print_report(report, corpus_printing.print_conversion, as_json=as_json)
     raise typer.Exit(Status.BAD_DATA if report.errors else Status.DONE)
 
 
@@ -221,10 +215,7 @@ def _align(
             phone_set=phone_set,
             progress=show_sound,
         )
-    if as_json:
-        display.print_json(report.to_dict())
-    else:
-        corpus_printing.print_alignment(report)
+    display.print_report(report, corpus_printing.print_alignment, as_json=as_json)
     raise typer.Exit(Status.BAD_DATA if report.errors else Status.DONE)
 
 

@@ -82,9 +82,6 @@ def print_fit(report: FitReport) -> None:
     report
         What was fitted.
     """
-    from rich import box
-    from rich.table import Table
-
     rows = [row for row in report.recordings if "error" not in row]
     if not rows:
         return
@@ -92,15 +89,13 @@ def print_fit(report: FitReport) -> None:
     if len(rows) > _LISTED:
         listed = sorted(rows, key=lambda row: -float(row["residual_mm"]))[:5]
         title = f"the {len(listed)} recordings with the largest residuals"
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("recording", no_wrap=True)
-    for label in _COLUMNS.values():
-        table.add_column(label, justify="right")
-    for row in listed:
-        cells = [row[key] for key in _COLUMNS]
-        table.add_row(
-            row["recording"], *(f"{c:.2f}" if isinstance(c, float) else str(c) for c in cells)
-        )
+    cells = [
+        [row["recording"], *(f"{c:.2f}" if isinstance(c, float) else str(c) for c in figures)]
+        for row in listed
+        if (figures := [row[key] for key in _COLUMNS])
+    ]
+    table = display.create_table(["recording", *_COLUMNS.values()], cells)
+    table.title, table.title_justify = title, "left"
     display.create_screen().print(table)
     frames, fitted = (sum(row[key] for row in rows) for key in ("frames", "fitted"))
     residual = float(np.median([row["residual_mm"] for row in rows]))

@@ -7,8 +7,8 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 from corpus_tools.cli import console
 from corpus_tools.json_file import format_json
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from corpus_tools.batch import BatchProgress
+
+ReportT = TypeVar("ReportT", bound="Report")
 
 # Seconds between two drawings of a bar, and between two lines of a task without known length.
 _REDRAWN, _LINE = 0.1, 5.0
@@ -33,6 +35,39 @@ def print_json(value: object) -> None:
         As `format_json` takes it: nested mappings, sequences, arrays, numbers.
     """
     print(format_json(value))
+
+
+class Report(Protocol):
+    """What a command returns."""
+
+    def to_dict(self) -> Mapping[str, Any]:
+        """Return everything as JSON can hold it.
+
+        Returns
+        -------
+        Mapping[str, Any]
+            Nested mappings, sequences, arrays, numbers.
+        """
+
+
+def print_report(
+    report: ReportT, print_text: Callable[[ReportT], object], *, as_json: bool
+) -> None:
+    """Print a report on stdout: as JSON for programs, or as text for people.
+
+    Parameters
+    ----------
+    report
+        What a command has done.
+    print_text
+        Prints it as text.
+    as_json
+        Whether JSON is printed.
+    """
+    if as_json:
+        print_json(report.to_dict())
+    else:
+        print_text(report)
 
 
 def create_screen() -> Console:

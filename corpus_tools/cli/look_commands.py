@@ -35,10 +35,7 @@ def _demo(
 
     with display.show_progress() as progress:
         report = run(out, seed=seed, progress=progress)
-    if as_json:
-        display.print_json(report.to_dict())
-    else:
-        demo_printing.print_demo(report)
+    display.print_report(report, demo_printing.print_demo, as_json=as_json)
 
 
 def _info(

@@ -76,18 +76,12 @@ def _train(
         _create_model("ann-low-latency", values)
         show = _show_training("training networks")
         swept = trainer.sweep_look_ahead(corpus, settings=values, progress=show, **options)
-        if as_json:
-            display.print_json(swept.to_dict())
-        else:
-            _print_sweep(swept)
+        display.print_report(swept, _print_sweep, as_json=as_json)
         return
     untrained = _create_model(model, values)
     show = _show_training(f"training {model}")
     report = trainer.train(corpus, untrained, progress=show, **options)
-    if as_json:
-        display.print_json(report.to_dict())
-    else:
-        _print_training(report)
+    display.print_report(report, _print_training, as_json=as_json)
 
 
 def _create_model(name: str, settings: dict[str, Any]) -> ControlModel:
@@ -186,10 +180,7 @@ def _evaluate(
             seed=seed,
             progress=progress,
         )
-    if as_json:
-        display.print_json(report.to_dict())
-    else:
-        _print_evaluation(report)
+    display.print_report(report, _print_evaluation, as_json=as_json)
 
 
 def _print_evaluation(report: EvaluationReport) -> None:

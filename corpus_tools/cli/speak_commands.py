@@ -125,10 +125,7 @@ def _speak(
             voices = prepare_voices(
                 wanted, model or (), fresh=fresh, check=check, progress=progress
             )
-        if as_json:
-            display.print_json(voices.to_dict())
-        else:
-            speak_printing.print_voices(voices)
+        display.print_report(voices, speak_printing.print_voices, as_json=as_json)
         return
     if (text is None) + (labels is None) + (tracks is None) == 3:
         raise typer.BadParameter("give a TEXT, --labels, or --tracks", param_hint="TEXT")
@@ -172,10 +169,7 @@ def _speak(
             jobs=jobs,
             progress=progress,
         )
-    if as_json:
-        display.print_json(report.to_dict())
-    else:
-        speak_printing.print_speech(report)
+    display.print_report(report, speak_printing.print_speech, as_json=as_json)
 
 
 def _stream(
@@ -222,10 +216,7 @@ def _export(
 
     format_name = arguments.check_choice(to, exporting.FORMATS, "--to")
     report = exporting.export(tracks, format_name, out, face=face, rate=rate)  # type: ignore[arg-type]
-    if as_json:
-        display.print_json(report.to_dict())
-    else:
-        speak_printing.print_export(report)
+    display.print_report(report, speak_printing.print_export, as_json=as_json)
 
 
 def register(app: typer.Typer) -> None:

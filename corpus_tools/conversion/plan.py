@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from pydantic import ValidationError
 
@@ -179,13 +179,7 @@ def make_plan(manifest: Manifest, entries: tuple[Entry, ...], root: Path) -> Pla
         set_file = (Path(set_name).name, Path(set_name).read_bytes())
     layout = _set_size_varies(load_layout(layout_name), manifest.fit.size_varies, layout_name)
     lips = _find_lips(layout, layout_name) if manifest.sync.kind == "estimate" else None
-    fit = manifest.fit
-    options: FitSettings = {
-        "objective": fit.objective,
-        "solver": fit.solver,
-        "refine_pose": fit.refine_pose,
-        "smooth": fit.smooth,
-    }
+    options = cast(FitSettings, manifest.fit.model_dump(exclude={"size_varies"}))
     speakers: dict[str, Speaker] = {}
     fingerprints: dict[str, str] = {}
     unusable: dict[str, str] = {}

@@ -138,18 +138,10 @@ def _write_csv(tracks: ParameterTracks, out: Path, rate: float | None) -> int:
     if rate is not None and rate != tracks.rate:
         frames = max(1, int(np.floor((tracks.frames - 1) * rate / tracks.rate + 1e-6)) + 1)
         times = tracks.start_time + np.arange(frames, dtype=np.float64) / rate
-        columns = []
-        for column in tracks.values.T:
-            known = np.isfinite(column)
-            bridged = (
-                np.interp(times, tracks.times[known], column[known]) if known.any() else np.nan
-            )
-            # A frame whose nearest one is missing stays missing.
-            nearest = np.clip(
-                np.rint((times - tracks.start_time) * tracks.rate), 0, len(column) - 1
-            )
-            columns.append(np.where(known[nearest.astype(int)], bridged, np.nan))
-        values = np.stack(columns, axis=1)
+        # A frame whose nearest one is missing stays missing.
+        nearest = np.rint((times - tracks.start_time) * tracks.rate).astype(int)
+        known = np.isfinite(values[np.clip(nearest, 0, tracks.frames - 1)])
+        values = np.where(known, tracks.at(times), np.nan)
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["time", *tracks.names])

@@ -76,7 +76,7 @@ class TestCalls:
         assert shown.err == ""
         assert "Exit status" in shown.out
         for command in cli.app.registered_commands:
-            assert command.callback.__name__.replace("_", "-") in shown.out
+            assert f" {command.name} " in shown.out
 
     @pytest.mark.parametrize("arguments", [["nonsense"], ["info"], ["info", "--nonsense", "x"]])
     def test_a_wrong_call_is_status_2(self, arguments, capsys):
