@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 from mocap_fit.errors import DataError
 from mocap_fit.tracks.rigid import estimate_rigid_transforms
 from mocap_fit.tracks.robust import (
+    _measure_noise,
     compute_pose_information,
     estimate_robust_transforms,
     sample_evenly,
@@ -262,3 +263,22 @@ def test_frames_that_any_point_may_explain_are_judged_by_those_nearby(rng):
     rejected = estimate_robust_transforms(shape, target).rejected
     assert rejected[:, 1].mean() > 0.99
     assert rejected[500:540, 1].all()
+
+
+def test_no_more_than_two_points_of_a_frame_are_left_out(rng):
+    shape = 60 * rng.normal(size=(9, 3))
+    turns, _, target = moving(rng, frames=300, shape=shape)
+    for bad in (2, 3):
+        slips = target.copy()
+        for point in range(bad):
+            slips[100:120, point] += 5 * turns.apply(np.eye(3)[point])[100:120]
+        rejected = estimate_robust_transforms(shape, slips).rejected[100:120]
+        assert rejected[:, :bad].all() == (bad == 2)
+        assert not rejected[:, bad:].any()
+
+
+def test_the_noise_is_that_of_the_median_of_chi_squared():
+    """Squares of five points have nine degrees of freedom beside the pose."""
+    residuals = np.full(7, np.sqrt(stats.chi2.median(9) / 5))
+    assert _measure_noise(residuals, np.ones((7, 5))) == pytest.approx(1.0, rel=2e-3)
+    assert np.isnan(_measure_noise(residuals, np.ones((7, 2))))
