@@ -155,6 +155,5 @@ class WindowStream(Stream):
         return sum(segment.end < needed for segment in self._segments)
 
     def _compute(self, times: FloatArray) -> FloatArray:
-        passed = min(self._count_passed(float(times[0])), len(self._segments) - 1)
-        del self._segments[:passed]
+        del self._segments[: self._count_passed(float(times[0]))]
         return self._predict_at(PhoneSequence(tuple(self._segments)), times)

@@ -80,7 +80,13 @@ def test_only_phones_that_matter_are_passed_on():
     stream.pull()
     stream.push(phone(5.0, 5.1))
     stream.pull()
-    assert len(recorder.calls[-1][0]) >= 1
+    assert len(recorder.calls[-1][0]) == 2
+    stream.push(phone(9.0, 9.1))
+    stream.pull()
+    stream.push(phone(9.1, 9.2))
+    stream.pull()
+    # Frames from 9.1 s on: what ended before does not matter.
+    assert [segment.start for segment in recorder.calls[-1][0]] == [9.0, 9.1]
 
 
 def test_a_phone_that_ends_where_the_look_back_begins_is_passed_on():

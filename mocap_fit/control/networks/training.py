@@ -121,7 +121,7 @@ class Training:
         self._data, self._held_out = tuple(data), tuple(held_out)
         self._context = len(data[0].inputs) - len(data[0].targets) + 1
         inputs = self._context * data[0].inputs.shape[1]
-        sizes = sorted({network.hidden for network in networks}, reverse=True)
+        sizes = sorted({network.hidden for network in networks})
         self.stacks = [
             Stack.from_networks(
                 [network for network in networks if network.hidden == hidden],
