@@ -122,7 +122,7 @@ class RunningNetworks:
 
     def _drive(self, row: int) -> FloatArray:
         """Return the hidden units of the next frame, ``(hidden,)``, if a phone is last in sight."""
-        if row >= self._known or not self._known:
+        if row >= self._known:
             self._update_effects()
         self._phones[-1] = row
         driven: FloatArray = self._effects[self._phones, self._positions].sum(axis=0)
