@@ -61,7 +61,8 @@ def test_the_first_run_on_a_machine_compiles_each_kernel_once(session, fitted, t
     recording = session.recordings[0]
     subprocess.run(
         [
-            *(sys.executable, "-c", "from corpus_tools.cli import app; app.main()", "fit", recording),
+            *(sys.executable, "-c", "from corpus_tools.cli.app import main; main()"),
+            *("fit", recording),
             *("--reference", session.reference, "--layout", session.layout, "--out", out),
         ],
         check=True,
