@@ -7,14 +7,7 @@ utterance: `reading` makes a `Subject` of its files, `check_subject` gives findi
 that a corpus may be larger than the memory.
 """
 
-from corpus_tools.validation.findings import (
-    Code,
-    Evidence,
-    Finding,
-    Location,
-    Severity,
-    load_codes,
-)
+from corpus_tools.validation.findings import Code, Evidence, Finding, Location, Severity, load_codes
 from corpus_tools.validation.report import Report
 from corpus_tools.validation.subject import Context, Subject, Summary, check_subject
 from corpus_tools.validation.thresholds import Thresholds, load_thresholds

@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -22,8 +22,8 @@ from corpus_tools.validation.tables import check_table, read_frame
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.corpus import DESCRIPTION_FILE, Corpus, Utterance, open_corpus
 from mocap_fit.errors import MocapFitError
-from mocap_fit.face import Rig, load_face
-from mocap_fit.fitting import Layout, load_layout
+from mocap_fit.face import load_face
+from mocap_fit.fitting import load_layout
 from mocap_fit.tracks import Provenance
 from mocap_fit.tracks.parquet_file import read_description
 from mocap_fit.utterance import UTTERANCES_FILE
@@ -32,6 +32,7 @@ from mocap_fit.utterance import UTTERANCES_FILE
 _ALLOWED = re.compile(r"readme.*|licen[cs]e.*|.*\.md|.*\.txt", re.IGNORECASE)
 # Beginnings of the conversion's remarks that MF126, MF143 and MF144 judge by thresholds.
 _JUDGED = ("the head's pose is not known in", "the recording goes on", "the start time")
+_Loaded = TypeVar("_Loaded")
 # So many recordings of a folder tell what is usual in it.
 _TELLING = 4
 
@@ -95,13 +96,17 @@ def open_for_checks(folder: Path, context: Context) -> tuple[Opened | None, list
         findings.append(describe_failure(error, str(file)))
         return None, findings
     layout, rig = context.layout, context.rig
-    description = os.path.join(shown, DESCRIPTION_FILE)
+    description = Location(os.path.join(shown, DESCRIPTION_FILE))
     if layout is None and corpus.layout:
-        layout, more = _load_layout(folder, corpus.layout, description)
+        layout, more = _load(load_layout, "layout", folder, corpus.layout, description)
         findings += more
-    if rig is None:
-        rig, more = _load_face(folder, corpus.face, description)
+    if rig is None and corpus.face:
+        rig, more = _load(load_face, "face", folder, corpus.face, description)
         findings += more
+    elif rig is None:
+        text = "the corpus does not name its face"
+        expected = "the bounds of its parameters, and its lips"
+        findings.append(Finding("MF003", description.at("face"), text, expected))
     context = replace(
         context,
         layout=layout,
@@ -112,7 +117,7 @@ def open_for_checks(folder: Path, context: Context) -> tuple[Opened | None, list
     wanted = _list_wanted(folder, corpus)
     findings += _check_files(folder, shown, corpus)
     findings += _check_splits(corpus, shown, context.limits)
-    findings += check_provenance(corpus.provenance, (), Location(description), context.limits)
+    findings += check_provenance(corpus.provenance, (), description)
     return Opened(corpus, context, wanted, folder, shown), findings
 
 
@@ -139,16 +144,10 @@ def check_utterance(opened: Opened, utterance: Utterance) -> tuple[list[Finding]
     if parameters is not None:
         location = subject.get_location("parameters")
         if parameters.names != opened.corpus.parameter_names:
-            findings.append(
-                Finding(
-                    "MF311",
-                    location,
-                    ", ".join(parameters.names),
-                    ", ".join(opened.corpus.parameter_names),
-                )
-            )
+            expected = ", ".join(opened.corpus.parameter_names)
+            findings.append(Finding("MF311", location, ", ".join(parameters.names), expected))
         steps = limits.corpus.steps
-        findings += check_provenance(parameters.provenance, steps, location, limits)
+        findings += check_provenance(parameters.provenance, steps, location)
     findings += _check_conversion(opened.folder, subject)
     table = Location(os.path.join(opened.shown, UTTERANCES_FILE), utterance.id, "checks")
     remarks = [remark for remark in utterance.checks if not remark.startswith(_JUDGED)]
@@ -158,7 +157,7 @@ def check_utterance(opened: Opened, utterance: Utterance) -> tuple[list[Finding]
 
 
 def check_provenance(
-    provenance: Provenance, steps: Sequence[str], location: Location, limits: Thresholds
+    provenance: Provenance, steps: Sequence[str], location: Location
 ) -> Iterator[Finding]:
     """Find a provenance that is missing, lacks a step, or names paths of one computer.
 
@@ -170,8 +169,6 @@ def check_provenance(
         Names of the steps that must be there.
     location
         The file and the utterance.
-    limits
-        What counts as wrong.
 
     Yields
     ------
@@ -185,21 +182,12 @@ def check_provenance(
     names = [step.name for step in provenance]
     lacking = [name for name in steps if name not in names]
     if lacking:
-        yield Finding(
-            "MF510",
-            Location(location.file, location.utterance, ", ".join(lacking)),
-            f"the steps are {', '.join(names)}",
-            f"{', '.join(lacking)} too",
-        )
+        text = f"the steps are {', '.join(names)}"
+        yield Finding("MF510", location.at(", ".join(lacking)), text, f"{', '.join(lacking)} too")
     for step in provenance:
         for path in _check_texts(step.arguments):
             if PurePosixPath(path).is_absolute() or PureWindowsPath(path).is_absolute():
-                yield Finding(
-                    "MF511",
-                    Location(location.file, location.utterance, step.name),
-                    path,
-                    "a relative path",
-                )
+                yield Finding("MF511", location.at(step.name), path, "a relative path")
 
 
 def _check_conversion(folder: Path, subject: Subject) -> Iterator[Finding]:
@@ -218,22 +206,16 @@ def _check_conversion(folder: Path, subject: Subject) -> Iterator[Finding]:
         return
     for data, arguments in noted.items():
         if arguments.get("inputs") != first.get("inputs"):
-            yield Finding(
-                "MF504",
-                Location(subject.files[data], name, "inputs"),
-                f"the {data} were made from other files than the parameters",
-                "one conversion",
-            )
+            where = Location(subject.files[data], name, "inputs")
+            text = f"the {data} were made from other files than the parameters"
+            yield Finding("MF504", where, text, "one conversion")
     if "sound" in subject.files and "audio" in first:
         with open(folder / "audio" / f"{name}.wav", "rb") as stream:
             content = hashlib.file_digest(stream, "sha256").hexdigest()
         if content != first["audio"]:
-            yield Finding(
-                "MF504",
-                Location(subject.files["sound"], name, "content"),
-                "the sound is not the one that was converted",
-                "a file that was not changed since",
-            )
+            where = Location(subject.files["sound"], name, "content")
+            text = "the sound is not the one that was converted"
+            yield Finding("MF504", where, text, "a file that was not changed since")
 
 
 def _check_texts(value: Any) -> Iterator[str]:
@@ -269,11 +251,11 @@ def check_between(
     for members in _group_by(summaries, lambda s: (s.speaker, s.session)):
         shapes = [member.shape for member in members if member.shape is not None]
         yield from geometry.check_sessions(shapes, limits)
-        yield from _offset(members, limits)
+        yield from _check_offset(members, limits)
     for members in _group_by(summaries, lambda s: s.speaker):
         spans = np.array([m.lips for m in members if m.lips is not None]).reshape(-1, 2)
-        measure_closures = [closure for member in members for closure in member.closures]
-        yield from check_closures(measure_closures, spans, limits)
+        closures = [closure for member in members for closure in member.closures]
+        yield from check_closures(closures, spans, limits)
     if not splits:
         yield from _check_rates(summaries, limits)
     yield from _check_sampling(summaries)
@@ -281,7 +263,7 @@ def check_between(
 
 
 def _group_by(
-    summaries: Sequence[Summary], key: Callable[[Summary], Any]
+    summaries: Iterable[Summary], key: Callable[[Summary], Any]
 ) -> Iterable[list[Summary]]:
     groups: dict[Any, list[Summary]] = {}
     for summary in summaries:
@@ -289,7 +271,7 @@ def _group_by(
     return groups.values()
 
 
-def _offset(members: Sequence[Summary], limits: Thresholds) -> Iterator[Finding]:
+def _check_offset(members: Sequence[Summary], limits: Thresholds) -> Iterator[Finding]:
     rules = limits.time
     usable = [m.offset for m in members if m.offset and m.offset[1] >= rules.offset_correlation]
     if len(usable) < rules.offset_utterances:
@@ -298,13 +280,10 @@ def _offset(members: Sequence[Summary], limits: Thresholds) -> Iterator[Finding]
     middle = float(np.median([offset for offset, _ in usable]))
     if abs(middle) > rules.offset:
         session = " ".join(part for part in (members[0].speaker, members[0].session) if part)
-        yield Finding(
-            "MF147",
-            Location(os.path.dirname(os.path.dirname(members[0].location.file)), "", session),
-            f"frames are {abs(middle):.3f} s {'late' if middle > 0 else 'early'}, by "
-            f"{len(usable)} utterances",
-            f"at most {rules.offset} s",
-        )
+        where = Location(os.path.dirname(os.path.dirname(members[0].location.file)), "", session)
+        late = f"{abs(middle):.3f} s {'late' if middle > 0 else 'early'}"
+        text = f"frames are {late}, by {len(usable)} utterances"
+        yield Finding("MF147", where, text, f"at most {rules.offset} s")
 
 
 def _check_rates(summaries: Sequence[Summary], limits: Thresholds) -> Iterator[Finding]:
@@ -313,12 +292,7 @@ def _check_rates(summaries: Sequence[Summary], limits: Thresholds) -> Iterator[F
     if len(usable) < _TELLING:
         return
     usual = float(np.median([summary.figures["rate"] for summary in usable]))
-
-    def is_different(summary: Summary) -> bool:
-        allowed: float = limits.time.rate
-        return abs(summary.figures["rate"] / usual - 1) > allowed
-
-    others = [summary for summary in usable if is_different(summary)]
+    others = [s for s in usable if abs(s.figures["rate"] / usual - 1) > limits.time.rate]
     # Of a mixture of recordings none is wrong.
     if len(others) <= len(usable) // _TELLING:
         for summary in others:
@@ -343,24 +317,18 @@ def _check_duplicates(
 ) -> Iterator[Finding]:
     reported: set[tuple[str, str]] = set()
     for kind, code in (("recording", "MF505"), ("parameters", "MF505"), ("sound", "MF506")):
-        alike: dict[str, list[Summary]] = {}
-        for summary in summaries:
-            if kind in summary.prints:
-                alike.setdefault(summary.prints[kind], []).append(summary)
-        for members in alike.values():
+        printed = [summary for summary in summaries if kind in summary.prints]
+        for members in _group_by(printed, lambda summary: summary.prints[kind]):  # noqa: B023
             for one, other in itertools.pairwise(members):
                 across = splits and one.split != other.split
                 pair = (one.name, other.name)
                 if pair in reported and (not across or code == "MF505"):
                     continue
                 reported.add(pair)
-                where = f" ('{one.split}' and '{other.split}')" if across else ""
-                yield Finding(
-                    code if across else "MF508",
-                    Location(other.location.file, other.name, one.name),
-                    f"the {kind} of '{other.name}' is that of '{one.name}'{where}",
-                    "each once",
-                )
+                where = Location(other.location.file, other.name, one.name)
+                text = f"the {kind} of '{other.name}' is that of '{one.name}'"
+                text += f" ('{one.split}' and '{other.split}')" if across else ""
+                yield Finding(code if across else "MF508", where, text, "each once")
     if not splits:
         return
     usable = [s for s in summaries if len(s.text.split()) >= limits.corpus.shortest_text]
@@ -368,45 +336,28 @@ def _check_duplicates(
         if len({member.split for member in members}) > 1:
             first = members[0]
             other = next(member for member in members if member.split != first.split)
-            yield Finding(
-                "MF507",
-                Location(other.location.file, other.name, first.name),
-                f"'{first.text}' is said in '{first.split}' and in '{other.split}'",
-                "each text in one split",
-            )
+            where = Location(other.location.file, other.name, first.name)
+            text = f"'{first.text}' is said in '{first.split}' and in '{other.split}'"
+            yield Finding("MF507", where, text, "each text in one split")
 
 
-def _load_layout(folder: Path, name: str, file: str) -> tuple[Layout | None, list[Finding]]:
+def _load(
+    load: Callable[[str | Path], _Loaded], noun: str, folder: Path, name: str, location: Location
+) -> tuple[_Loaded | None, list[Finding]]:
+    """Load the layout or the face that a corpus names, in its folder or shipped."""
     try:
-        return load_layout(folder / name if (folder / name).is_file() else name), []
+        return load(folder / name if (folder / name).is_file() else name), []
     except MocapFitError as error:
-        problem = f"the layout '{name}' is not known: {error.problem}"
-        return None, [Finding("MF003", Location(file, "", "layout"), problem)]
-
-
-def _load_face(folder: Path, name: str, file: str) -> tuple[Rig | None, list[Finding]]:
-    if not name:
-        return None, [
-            Finding(
-                "MF003",
-                Location(file, "", "face"),
-                "the corpus does not name its face",
-                "the bounds of its parameters, and its lips",
-            )
-        ]
-    try:
-        return load_face(folder / name if (folder / name).is_file() else name), []
-    except MocapFitError as error:
-        problem = f"the face '{name}' is not known: {error.problem}"
-        return None, [Finding("MF003", Location(file, "", "face"), problem)]
+        problem = f"the {noun} '{name}' is not known: {error.problem}"
+        return None, [Finding("MF003", location.at(noun), problem)]
 
 
 def _estimate_rate(corpus: Corpus) -> float | None:
     """Return the median rate of the utterances: on the sound's clock they differ by millionths."""
     rates = []
     for utterance in corpus:
-        described = read_description(corpus.folder / "tracks" / f"{utterance.id}.parquet")  # type: ignore[operator]
-        rate = None if described is None else described.get("rate")
+        file = corpus.folder / "tracks" / f"{utterance.id}.parquet"  # type: ignore[operator]
+        rate = (read_description(file) or {}).get("rate")
         if isinstance(rate, int | float) and rate > 0:
             rates.append(float(rate))
     return float(np.median(rates)) if len(rates) >= 3 else None
@@ -437,23 +388,17 @@ def _check_files(folder: Path, shown: str, corpus: Corpus) -> Iterator[Finding]:
         content = FOLDERS.get(inside.parts[0])
         if content is None or len(inside.parts) > 2 or _ALLOWED.fullmatch(path.name):
             continue
-        if path.suffix != f".{content[1]}" or path.stem not in ids:
-            yield Finding(
-                "MF502",
-                Location(name),
-                f"there is no utterance '{path.stem}'"
-                if path.stem not in ids
-                else f"a file in {path.suffix}",
-                f"a file in .{content[1]} for each of the {len(ids)} utterances",
-            )
+        expected = f"a file in .{content[1]} for each of the {len(ids)} utterances"
+        if path.stem not in ids:
+            text = f"there is no utterance '{path.stem}'"
+            yield Finding("MF502", Location(name), text, expected)
+        elif path.suffix != f".{content[1]}":
+            yield Finding("MF502", Location(name), f"a file in {path.suffix}", expected)
 
 
 def _check_splits(corpus: Corpus, shown: str, limits: Thresholds) -> Iterator[Finding]:
     lacking = [name for name in limits.corpus.splits if name not in corpus.splits]
     if lacking:
-        yield Finding(
-            "MF512",
-            Location(os.path.join(shown, UTTERANCES_FILE), "", ", ".join(lacking)),
-            f"the splits are {', '.join(corpus.splits) or 'none'}",
-            ", ".join(limits.corpus.splits),
-        )
+        where = Location(os.path.join(shown, UTTERANCES_FILE), "", ", ".join(lacking))
+        text = f"the splits are {', '.join(corpus.splits) or 'none'}"
+        yield Finding("MF512", where, text, ", ".join(limits.corpus.splits))

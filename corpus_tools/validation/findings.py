@@ -11,7 +11,7 @@ from functools import cache
 from importlib import resources
 from typing import Any
 
-from mocap_fit.tracks import FloatArray
+from mocap_fit.tracks import FloatArray, Tracks
 
 
 class Severity(StrEnum):
@@ -105,6 +105,30 @@ class Location:
     frames: tuple[int, int] | None = None
     seconds: tuple[float, float] | None = None
 
+    def at(
+        self,
+        item: str,
+        frames: tuple[int, int] | None = None,
+        seconds: tuple[float, float] | None = None,
+    ) -> Location:
+        """Return the location of an item in the same file and utterance.
+
+        Parameters
+        ----------
+        item
+            The marker, markers, parameter, phone, column or step.
+        frames
+            First and last frame, from 0.
+        seconds
+            Start and end, seconds.
+
+        Returns
+        -------
+        Location
+            The location.
+        """
+        return Location(self.file, self.utterance, item, frames, seconds)
+
     def __str__(self) -> str:
         """Return the location in words."""
         parts = [self.file or self.utterance]
@@ -116,6 +140,30 @@ class Location:
         if self.seconds is not None:
             parts.append(f"{self.seconds[0]:.3f} to {self.seconds[1]:.3f} s")
         return ", ".join(part for part in parts if part)
+
+
+def locate(location: Location, tracks: Tracks, item: str, run: slice) -> Location:
+    """Return the location of a marker or parameter in a run of frames.
+
+    Parameters
+    ----------
+    location
+        The file and the utterance.
+    tracks
+        The recording or the parameters of the utterance.
+    item
+        The marker or parameter.
+    run
+        The frames.
+
+    Returns
+    -------
+    Location
+        The location.
+    """
+    first, last = run.start, run.stop - 1
+    start, rate = tracks.start_time, tracks.rate
+    return location.at(item, (first, last), (start + first / rate, start + last / rate))
 
 
 @dataclass(frozen=True, eq=False)

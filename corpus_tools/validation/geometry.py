@@ -9,8 +9,8 @@ from itertools import chain, combinations
 import numpy as np
 
 from corpus_tools.validation import shapes
-from corpus_tools.validation.findings import Finding, Location
-from corpus_tools.validation.markers import collect_evidence, locate
+from corpus_tools.validation.findings import Finding, Location, locate
+from corpus_tools.validation.markers import collect_evidence
 from corpus_tools.validation.shapes import Fitted, Stilled
 from corpus_tools.validation.slips import find_slips
 from corpus_tools.validation.thresholds import Thresholds
@@ -110,20 +110,13 @@ def check_layout(recording: MarkerTracks, layout: Layout, location: Location) ->
     wanted = [marker.name for marker in layout.markers]
     lacking = [name for name in wanted if name not in recording.names]
     if lacking:
-        yield Finding(
-            "MF111",
-            Location(location.file, location.utterance, ", ".join(lacking)),
-            f"{len(lacking)} of {len(wanted)} are not there",
-            f"the markers of the layout '{layout.name}'",
-        )
+        where = location.at(", ".join(lacking))
+        text = f"{len(lacking)} of {len(wanted)} are not there"
+        yield Finding("MF111", where, text, f"the markers of the layout '{layout.name}'")
     others = [name for name in recording.names if name not in wanted]
     if others:
-        yield Finding(
-            "MF112",
-            Location(location.file, location.utterance, ", ".join(others)),
-            f"{len(others)} markers",
-            f"the markers of the layout '{layout.name}'",
-        )
+        expected = f"the markers of the layout '{layout.name}'"
+        yield Finding("MF112", location.at(", ".join(others)), f"{len(others)} markers", expected)
 
 
 def check_head(
@@ -169,32 +162,22 @@ def check_head(
     some = recording.visible.any(axis=1)
     unknown = np.isnan(residuals) & some
     if some.any() and unknown.sum() > rigid.pose_unknown * some.sum():
-        yield Finding(
-            "MF126",
-            locate(location, recording, "head", find_runs(unknown)[0]),
-            f"in {unknown.sum() / some.sum():.0%} of the frames",
-            f"at most {rigid.pose_unknown:.0%}",
-        )
+        where = locate(location, recording, "head", find_runs(unknown)[0])
+        text = f"in {unknown.sum() / some.sum():.0%} of the frames"
+        yield Finding("MF126", where, text, f"at most {rigid.pose_unknown:.0%}")
     known = ~np.isnan(residuals)
     if known.any() and np.median(residuals[known]) > rigid.rigid_residual:
-        yield Finding(
-            "MF124",
-            locate(location, recording, "head"),
-            f"{np.median(residuals[known]):.2f} mm from their mean shape (median)",
-            f"at most {rigid.rigid_residual} mm",
-        )
+        text = f"{np.median(residuals[known]):.2f} mm from their mean shape (median)"
+        yield Finding("MF124", location.at("head"), text, f"at most {rigid.rigid_residual} mm")
     if varies:
         return
     for column, run, off in find_slips(positions, recording.rate, limits.shape):
-        yield Finding(
-            "MF125",
-            locate(location, recording, recording.names[head[column]], run),
-            f"{off:.1f} mm from where the others have it",
-            f"less than {rigid.slip_distance} mm",
-            evidence=collect_evidence(
-                recording, recording.names, still.positions, [head[column]], run
-            ),
-        )
+        names, marker = recording.names, head[column]
+        where = locate(location, recording, names[marker], run)
+        text = f"{off:.1f} mm from where the others have it"
+        picture = collect_evidence(recording, names, still.positions, [marker], run)
+        expected = f"less than {rigid.slip_distance} mm"
+        yield Finding("MF125", where, text, expected, evidence=picture)
 
 
 def check_sessions(members: Sequence[Shape], limits: Thresholds) -> Iterator[Finding]:
@@ -303,21 +286,13 @@ def _check_size(member: Shape, middle: _Session | None, limits: Thresholds) -> I
     if member.against_layout is not None:
         ratio = member.against_layout.scale
         if not rules.smallest_face <= ratio <= rules.largest_face:
-            yield Finding(
-                "MF121",
-                member.location,
-                f"markers reach over {height / 1000:.3g} m, {ratio:.3g} times the layout's face"
-                f"{_guess_unit(ratio)}",
-                f"{rules.smallest_face:g} to {rules.largest_face:g} times",
-            )
+            text = f"markers reach over {height / 1000:.3g} m, {ratio:.3g} times the layout's face"
+            expected = f"{rules.smallest_face:g} to {rules.largest_face:g} times"
+            yield Finding("MF121", member.location, text + _guess_unit(ratio), expected)
             return
     elif not rules.smallest_extent <= height <= rules.largest_extent:
-        yield Finding(
-            "MF121",
-            member.location,
-            f"markers reach over {height:.4g} mm",
-            f"{rules.smallest_extent:g} to {rules.largest_extent:g} mm",
-        )
+        expected = f"{rules.smallest_extent:g} to {rules.largest_extent:g} mm"
+        yield Finding("MF121", member.location, f"markers reach over {height:.4g} mm", expected)
         return
     if middle is None:
         return
@@ -325,26 +300,19 @@ def _check_size(member: Shape, middle: _Session | None, limits: Thresholds) -> I
     complete = np.isnan(_order_points(member, middle.names)[:, 0]).sum() <= 0.2 * len(middle.names)
     allowed = rules.size_in_session_video if member.varies else rules.size_in_session
     if complete and abs(ratio - 1) > allowed:
-        yield Finding(
-            "MF121",
-            member.location,
-            f"{ratio:.3g} times the size of the session's other recordings{_guess_unit(ratio)}",
-            f"within {allowed:.0%} of it",
-        )
+        text = f"{ratio:.3g} times the size of the session's other recordings{_guess_unit(ratio)}"
+        yield Finding("MF121", member.location, text, f"within {allowed:.0%} of it")
 
 
 def _check_axes(member: Shape, middle: _Session | None, limits: Thresholds) -> Iterator[Finding]:
     against = member.against_layout
     if middle is None:
         if against is not None and against.mirrored:
-            yield Finding(
-                "MF122",
-                member.location,
-                f"a face's mirror image ({shapes.describe_directions(against.matrix)})",
-                "axes of a right hand, and the speaker's own left and right",
-                advice="Turn an axis round, exchange two axes, or exchange the names of left and "
-                "right: the recording alone does not tell which.",
+            advice = (
+                "Turn an axis round, exchange two axes, or exchange the names of left and right: "
+                "the recording alone does not tell which."
             )
+            yield _describe_mirrored(member, against).replace(advice=advice)
         return
     here = _order_points(member, middle.names)
     fit = shapes.align_shapes(middle.shape, here, limits.shape.mirror_gain, True)
@@ -360,28 +328,23 @@ def _check_axes(member: Shape, middle: _Session | None, limits: Thresholds) -> I
         if kind == "reversed" and there < moved and there < 2 * size:
             words = "the names of left and right are exchanged"
         code = "MF122" if kind in ("same", "reversed") else "MF123"
-        yield Finding(
-            code,
-            member.location,
-            f"against the session's other recordings, {words}",
-            "the same axes and names",
-        )
+        text = f"against the session's other recordings, {words}"
+        yield Finding(code, member.location, text, "the same axes and names")
     elif (angle := _compute_angle(fit.matrix)) > limits.shape.turned:
         _, words = shapes.describe_axes(fit.matrix)
-        yield Finding(
-            "MF123",
-            member.location,
+        text = (
             f"the head is turned by {angle:.0f} degrees against the session's other recordings "
-            f"({words})",
-            f"at most {limits.shape.turned:g} degrees",
+            f"({words})"
         )
+        yield Finding("MF123", member.location, text, f"at most {limits.shape.turned:g} degrees")
     elif against is not None and against.mirrored:
-        yield Finding(
-            "MF122",
-            member.location,
-            f"a face's mirror image ({shapes.describe_directions(against.matrix)})",
-            "axes of a right hand, and the speaker's own left and right",
-        )
+        yield _describe_mirrored(member, against)
+
+
+def _describe_mirrored(member: Shape, against: Fitted) -> Finding:
+    text = f"a face's mirror image ({shapes.describe_directions(against.matrix)})"
+    expected = "axes of a right hand, and the speaker's own left and right"
+    return Finding("MF122", member.location, text, expected)
 
 
 def _check_positions(member: Shape, middle: _Session, limits: Thresholds) -> Iterator[Finding]:
@@ -393,14 +356,9 @@ def _check_positions(member: Shape, middle: _Session, limits: Thresholds) -> Ite
         odd = _find_odd_one(middle.shape[head], here[head], rules.slip_in_session, member.varies)
         if odd is not None:
             slipped.add(head[odd[0]])
-            yield Finding(
-                "MF125",
-                Location(
-                    member.location.file, member.location.utterance, middle.names[head[odd[0]]]
-                ),
-                f"{odd[1]:.1f} mm from where the session's other recordings have it",
-                f"at most {rules.slip_in_session} mm",
-            )
+            text = f"{odd[1]:.1f} mm from where the session's other recordings have it"
+            expected = f"at most {rules.slip_in_session} mm"
+            yield Finding("MF125", member.location.at(middle.names[head[odd[0]]]), text, expected)
     fit = shapes.align_shapes(here, middle.shape, rules.mirror_gain, True)
     if fit is None or fit.mirrored:
         return
@@ -420,21 +378,14 @@ def _check_positions(member: Shape, middle: _Session, limits: Thresholds) -> Ite
         if crossed < limits.markers.swap_gain * min(off[k], off[other]):
             exchanged |= {k, other}
             names = f"{middle.names[k]} and {middle.names[other]}"
-            yield Finding(
-                "MF106",
-                Location(member.location.file, member.location.utterance, names),
-                "each is where the session's other recordings have the other one, throughout",
-                "each its own",
-            )
+            text = "each is where the session's other recordings have the other one, throughout"
+            yield Finding("MF106", member.location.at(names), text, "each its own")
     for k in suspects:
         if k in exchanged or not off[k] > limit[k]:
             continue
-        yield Finding(
-            "MF127",
-            Location(member.location.file, member.location.utterance, middle.names[k]),
-            f"{off[k]:.1f} mm from where the session's other recordings have it",
-            f"at most {limit[k]:.1f} mm",
-        )
+        text = f"{off[k]:.1f} mm from where the session's other recordings have it"
+        expected = f"at most {limit[k]:.1f} mm"
+        yield Finding("MF127", member.location.at(middle.names[k]), text, expected)
 
 
 def _find_odd_one(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -83,9 +84,8 @@ def check_phone_tier(
         What is wrong.
     """
     if tier.kind != "interval" or not any(entry.text.strip() for entry in tier.entries):
-        yield Finding(
-            "MF210", location, f"{len(tier.entries)} labels, none with a symbol", "phones"
-        )
+        text = f"{len(tier.entries)} labels, none with a symbol"
+        yield Finding("MF210", location, text, "phones")
         return
     yield from _check_times(tier, location, limits)
     yield from _check_symbols(tier, around, location)
@@ -95,10 +95,6 @@ def check_phone_tier(
         yield from _check_silences(tier, around.phone_set, around.loudness, location, limits)
 
 
-def _locate(location: Location, text: str, start: float, end: float) -> Location:
-    return Location(location.file, location.utterance, text, None, (start, end))
-
-
 def _check_times(tier: Tier, location: Location, limits: Thresholds) -> Iterator[Finding]:
     entries = tier.entries
     start = min(entry.start for entry in entries)
@@ -106,43 +102,33 @@ def _check_times(tier: Tier, location: Location, limits: Thresholds) -> Iterator
     for fault in find_label_faults(Labels((tier,), start, end)):
         code = _CODES.get(fault.kind)
         length = fault.end - fault.start
-        where = _locate(location, fault.text or "(empty)", fault.start, fault.end)
+        where = location.at(fault.text or "(empty)", seconds=(fault.start, fault.end))
         if fault.kind == "gap" and fault.entry and length > limits.labels.gap:
             before = entries[fault.entry - 1].text
-            yield Finding(
-                "MF205",
-                _locate(location, f"between {before} and {fault.text}", fault.start, fault.end),
-                f"nothing is labelled for {length:.3f} s",
-                f"less than {limits.labels.gap} s",
-            )
+            between = f"between {before} and {fault.text}"
+            text = f"nothing is labelled for {length:.3f} s"
+            expected = f"less than {limits.labels.gap} s"
+            yield Finding("MF205", dataclasses.replace(where, item=between), text, expected)
         elif code == "MF201" and length < limits.labels.rounding:
             continue
         elif code is not None:
-            yield Finding(
-                code,
-                where,
-                f"{fault.kind} (entry {fault.entry + 1} of '{tier.name}')",
-                "each to begin where the one before has ended",
-            )
+            text = f"{fault.kind} (entry {fault.entry + 1} of '{tier.name}')"
+            yield Finding(code, where, text, "each to begin where the one before has ended")
 
 
 def _check_symbols(tier: Tier, around: Surroundings, location: Location) -> Iterator[Finding]:
     phones = around.phone_set
     if phones is None:
         return
-    describe_unknown: dict[str, list[Label]] = {}
+    unknown: dict[str, list[Label]] = {}
     for entry in tier.entries:
         if phones.parse(entry.text) is None:
-            describe_unknown.setdefault(entry.text, []).append(entry)
-    for text, entries in describe_unknown.items():
+            unknown.setdefault(entry.text, []).append(entry)
+    for text, entries in unknown.items():
         first = entries[0]
         more = f", {len(entries)} times" if len(entries) > 1 else ""
-        yield Finding(
-            "MF207",
-            _locate(location, text, first.start, first.end),
-            f"'{text}'{more}",
-            f"a symbol of '{phones.name}'",
-        )
+        where = location.at(text, seconds=(first.start, first.end))
+        yield Finding("MF207", where, f"'{text}'{more}", f"a symbol of '{phones.name}'")
 
 
 def _is_silence(entry: Label, phones: PhoneSet | None) -> bool:
@@ -162,15 +148,13 @@ def _check_durations(
         length = entry.end - entry.start
         if length <= 0 or _is_silence(entry, around.phone_set):
             continue
-        where = _locate(location, entry.text, entry.start, entry.end)
+        where = location.at(entry.text, seconds=(entry.start, entry.end))
         if length > limits.labels.longest_phone:
-            yield Finding(
-                "MF208", where, f"{length:.3f} s", f"at most {limits.labels.longest_phone} s"
-            )
+            expected = f"at most {limits.labels.longest_phone} s"
+            yield Finding("MF208", where, f"{length:.3f} s", expected)
         elif length < limits.labels.shortest_phone - 1e-9:
-            yield Finding(
-                "MF209", where, f"{length:.4f} s", f"at least {limits.labels.shortest_phone} s"
-            )
+            expected = f"at least {limits.labels.shortest_phone} s"
+            yield Finding("MF209", where, f"{length:.4f} s", expected)
 
 
 def _check_extent(
@@ -188,19 +172,12 @@ def _check_extent(
         reach, what = tier.end, "file, as it says itself,"
     beyond = [] if reach is None else [e for e in entries if e.end > reach + rules.end]
     if beyond:
-        yield Finding(
-            "MF204",
-            _locate(location, _format_entries(beyond), beyond[0].start, end),
-            f"{len(beyond)} labels, until {end:.3f} s",
-            f"the {what} ends at {reach:.3f} s",
-        )
+        where = location.at(_format_entries(beyond), seconds=(beyond[0].start, end))
+        text = f"{len(beyond)} labels, until {end:.3f} s"
+        yield Finding("MF204", where, text, f"the {what} ends at {reach:.3f} s")
     if start < -rules.end:
-        yield Finding(
-            "MF204",
-            _locate(location, entries[0].text, start, 0.0),
-            f"labels from {start:.3f} s",
-            "none before 0 s",
-        )
+        where = location.at(entries[0].text, seconds=(start, 0.0))
+        yield Finding("MF204", where, f"labels from {start:.3f} s", "none before 0 s")
     if recorded is None:
         return
     outside = [
@@ -211,21 +188,15 @@ def _check_extent(
         and e not in beyond
     ]
     if outside:
-        yield Finding(
-            "MF212",
-            _locate(location, _format_entries(outside), outside[0].start, outside[-1].end),
-            f"{len(outside)} phones",
-            f"frames from {recorded[0]:.3f} to {recorded[1]:.3f} s",
-        )
+        where = location.at(_format_entries(outside), seconds=(outside[0].start, outside[-1].end))
+        text = f"{len(outside)} phones"
+        yield Finding("MF212", where, text, f"frames from {recorded[0]:.3f} to {recorded[1]:.3f} s")
     duration = recorded[1] - recorded[0]
     inside = sum(max(0.0, min(e.end, recorded[1]) - max(e.start, recorded[0])) for e in entries)
     if duration > 0 and inside < rules.covered * duration:
-        yield Finding(
-            "MF206",
-            _locate(location, "", start, end),
-            f"{inside:.2f} of {duration:.2f} s are labelled",
-            f"{rules.covered:.0%} or more",
-        )
+        where = location.at("", seconds=(start, end))
+        text = f"{inside:.2f} of {duration:.2f} s are labelled"
+        yield Finding("MF206", where, text, f"{rules.covered:.0%} or more")
 
 
 def _format_entries(entries: Sequence[Label]) -> str:
@@ -265,14 +236,12 @@ def _check_silences(
         loud = inside & (energy > limit)
         if loud.sum() * step >= limits.labels.loud_time:
             around = (times >= entry.start - 0.2) & (times < entry.end + 0.2)
-            yield Finding(
-                "MF211",
-                _locate(location, entry.text or "(empty)", entry.start, entry.end),
-                f"{float(np.max(energy[loud])):.0f} dB, for {loud.sum() * step:.2f} s above "
-                f"{limit:.0f} dB",
-                f"silence; speech has {speech:.0f} dB, the room {noise:.0f} dB",
-                evidence=Evidence(times[around], {"energy": energy[around]}, "dB"),
-            )
+            where = location.at(entry.text or "(empty)", seconds=(entry.start, entry.end))
+            above = f"for {loud.sum() * step:.2f} s above {limit:.0f} dB"
+            text = f"{float(np.max(energy[loud])):.0f} dB, {above}"
+            expected = f"silence; speech has {speech:.0f} dB, the room {noise:.0f} dB"
+            picture = Evidence(times[around], {"energy": energy[around]}, "dB")
+            yield Finding("MF211", where, text, expected, evidence=picture)
 
 
 def _merge_silences(entries: Sequence[Label], phones: PhoneSet) -> list[tuple[Label, bool]]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from corpus_tools.validation.exchanges import Exchange, find_exchanges, find_previous
-from corpus_tools.validation.findings import Evidence, Finding, Location
+from corpus_tools.validation.findings import Evidence, Finding, Location, locate
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.tracks import FloatArray, MarkerTracks, Origin, count_gaps
 from mocap_fit.tracks.interpolation import find_runs
@@ -95,42 +95,10 @@ def _describe_exchanges(
 ) -> Iterator[Finding]:
     for exchange in exchanges:
         run = slice(exchange.first, exchange.last + 1)
-        yield Finding(
-            "MF106",
-            locate(location, recording, " and ".join(names[k] for k in exchange.markers), run),
-            f"they continue each other's tracks for {run.stop - run.start} frames",
-            "each its own",
-            evidence=collect_evidence(recording, names, positions, exchange.markers, run),
-        )
-
-
-def locate(
-    location: Location, recording: MarkerTracks, item: str, run: slice | None = None
-) -> Location:
-    """Return the location of a marker, and of a run of frames.
-
-    Parameters
-    ----------
-    location
-        The file and the utterance.
-    recording
-        The recording.
-    item
-        The marker.
-    run
-        The frames; None for all.
-
-    Returns
-    -------
-    Location
-        The location.
-    """
-    if run is None:
-        return Location(location.file, location.utterance, item)
-    first, last = run.start, run.stop - 1
-    start = recording.start_time
-    seconds = (start + first / recording.rate, start + last / recording.rate)
-    return Location(location.file, location.utterance, item, (first, last), seconds)
+        where = locate(location, recording, " and ".join(names[k] for k in exchange.markers), run)
+        text = f"they continue each other's tracks for {run.stop - run.start} frames"
+        picture = collect_evidence(recording, names, positions, exchange.markers, run)
+        yield Finding("MF106", where, text, "each its own", evidence=picture)
 
 
 def collect_evidence(
@@ -184,34 +152,26 @@ def _check_gaps(
     empty = np.asarray(~recording.visible.any(axis=1))
     for run in find_runs(empty):
         if run.stop - run.start >= limits.markers.empty_frames:
-            yield Finding(
-                "MF109", locate(location, recording, "", run), f"{run.stop - run.start} frames"
-            )
+            where = locate(location, recording, "", run)
+            yield Finding("MF109", where, f"{run.stop - run.start} frames")
     seen = recording.replace(positions=recording.positions[~empty], origin=recording.origin[~empty])
     if not seen.frames:
-        yield Finding("MF103", locate(location, recording, "all"), "no sample of any marker")
+        yield Finding("MF103", location.at("all"), "no sample of any marker")
         return
     for marker in count_gaps(seen).markers:
-        where = locate(location, recording, marker.name)
+        where = location.at(marker.name)
         if marker.missing == seen.frames:
             yield Finding("MF103", where, "no sample")
             continue
         if marker.share > limits.markers.gap_share:
-            yield Finding(
-                "MF101",
-                where,
-                f"missing in {marker.share:.0%} of the frames, in {marker.gaps} gaps",
-                f"at most {limits.markers.gap_share:.0%}",
-            )
+            text = f"missing in {marker.share:.0%} of the frames, in {marker.gaps} gaps"
+            yield Finding("MF101", where, text, f"at most {limits.markers.gap_share:.0%}")
         if marker.longest_seconds > limits.markers.longest_gap:
             hidden = ~recording.visible[:, recording.index(marker.name)]
             run = max(find_runs(hidden), key=lambda run: run.stop - run.start)
-            yield Finding(
-                "MF102",
-                locate(location, recording, marker.name, run),
-                f"missing for {marker.longest_seconds:.2f} s",
-                f"at most {limits.markers.longest_gap} s",
-            )
+            where = locate(location, recording, marker.name, run)
+            text = f"missing for {marker.longest_seconds:.2f} s"
+            yield Finding("MF102", where, text, f"at most {limits.markers.longest_gap} s")
 
 
 def _check_stuck(
@@ -229,12 +189,9 @@ def _check_stuck(
     alive = (both & ~same).any()
     if alive and copies.mean() > limits.markers.repeated_share:
         first = int(np.argmax(copies)) + 1
-        yield Finding(
-            "MF110",
-            locate(location, recording, "", slice(first, first + 1)),
-            f"{int(copies.sum())} of {recording.frames} frames are copies of the one before",
-            f"at most {limits.markers.repeated_share:.0%}",
-        )
+        where = locate(location, recording, "", slice(first, first + 1))
+        text = f"{int(copies.sum())} of {recording.frames} frames are copies of the one before"
+        yield Finding("MF110", where, text, f"at most {limits.markers.repeated_share:.0%}")
     shortest = max(limits.markers.stuck_frames, round(limits.markers.stuck_time * recording.rate))
     for marker, name in enumerate(recording.names):
         for run in find_runs(same[:, marker] & (moving | copies)):
@@ -242,15 +199,11 @@ def _check_stuck(
             inside = moving[run]
             if stuck.stop - stuck.start >= shortest and inside.mean() > 0.5:
                 mask[stuck, marker] = True
-                yield Finding(
-                    "MF105",
-                    locate(location, recording, name, stuck),
-                    f"exactly one place for {stuck.stop - stuck.start} frames",
-                    "a marker that moves with the others",
-                    evidence=collect_evidence(
-                        recording, recording.names, positions, [marker], stuck
-                    ),
-                )
+                where = locate(location, recording, name, stuck)
+                text = f"exactly one place for {stuck.stop - stuck.start} frames"
+                expected = "a marker that moves with the others"
+                picture = collect_evidence(recording, recording.names, positions, [marker], stuck)
+                yield Finding("MF105", where, text, expected, evidence=picture)
 
 
 def _check_coincident(
@@ -266,12 +219,8 @@ def _check_coincident(
         for other in np.flatnonzero((near.sum(axis=0) > 0.5 * together) & (together >= 5)):
             names = f"{recording.names[marker]} and {recording.names[marker + 1 + other]}"
             distance = float(np.nanmedian(apart[:, other]))
-            yield Finding(
-                "MF108",
-                locate(location, recording, names),
-                f"{distance:.2g} mm apart",
-                f"more than {limits.markers.same_place} mm",
-            )
+            expected = f"more than {limits.markers.same_place} mm"
+            yield Finding("MF108", location.at(names), f"{distance:.2g} mm apart", expected)
 
 
 def _check_movement(
@@ -283,13 +232,11 @@ def _check_movement(
     for marker, name in enumerate(recording.names):
         for run, height in _find_spikes(mended[:, marker], recording.rate, limits):
             spikes[run, marker] = True
-            yield Finding(
-                "MF104",
-                locate(location, recording, name, run),
-                f"{height:.1f} mm out and back",
-                f"less than {limits.markers.spike_size} mm, or slower",
-                evidence=collect_evidence(recording, recording.names, mended, [marker], run),
-            )
+            where = locate(location, recording, name, run)
+            text = f"{height:.1f} mm out and back"
+            expected = f"less than {limits.markers.spike_size} mm, or slower"
+            picture = collect_evidence(recording, recording.names, mended, [marker], run)
+            yield Finding("MF104", where, text, expected, evidence=picture)
     calm = np.where(spikes[:, :, None], np.nan, mended)
     yield from _check_jumps(recording, calm, location, limits)
 
@@ -321,17 +268,17 @@ def _find_spikes(
         limit = np.maximum(marker.spike_size, marker.spike_factor * usual)
         enter = np.linalg.norm(middle[0] - before, axis=1) * rate / (inside[0] - first)
         leave = np.linalg.norm(after - middle[-1], axis=1) * rate / (last - inside[-1])
-        findings = (
+        is_spike = (
             (height > limit)
             & (np.minimum(enter, leave) > marker.spike_speed)
             & (np.linalg.norm(after - before, axis=1) < 0.5 * height)
             & (last - first <= length + 2 * bridge)
         )
-        for location in np.flatnonzero(findings & ~wrong[1 : len(findings) + 1]):
-            part = slice(location + 1, location + 1 + length)
+        for index in np.flatnonzero(is_spike & ~wrong[1 : len(is_spike) + 1]):
+            part = slice(index + 1, index + 1 + length)
             if not wrong[part].any():
                 wrong[part] = True
-                heights[part] = out[:, location]
+                heights[part] = out[:, index]
     frames = np.zeros(len(track), dtype=bool)
     frames[seen[wrong]] = True
     size = np.zeros(len(track))
@@ -358,10 +305,7 @@ def _check_jumps(
             far = fast & (column > limit)
         for frame in np.flatnonzero(far):
             run = slice(int(frame), int(frame) + 1)
-            yield Finding(
-                "MF107",
-                locate(location, recording, name, run),
-                f"{column[frame]:.1f} mm from one frame to the next",
-                f"less than {limit:.1f} mm",
-                evidence=collect_evidence(recording, recording.names, positions, [index], run),
-            )
+            where = locate(location, recording, name, run)
+            text = f"{column[frame]:.1f} mm from one frame to the next"
+            picture = collect_evidence(recording, recording.names, positions, [index], run)
+            yield Finding("MF107", where, text, f"less than {limit:.1f} mm", evidence=picture)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from corpus_tools.validation.findings import Evidence, Finding, Location
+from corpus_tools.validation.findings import Evidence, Finding, Location, Severity, locate
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.face import Rig
 from mocap_fit.labels import Label
@@ -20,11 +20,7 @@ _MARGIN = 25
 
 
 def check_parameters(
-    tracks: ParameterTracks,
-    rig: Rig | None,
-    varies: bool,
-    location: Location,
-    limits: Thresholds,
+    tracks: ParameterTracks, rig: Rig | None, varies: bool, location: Location, limits: Thresholds
 ) -> Iterator[Finding]:
     """Find what is wrong with the parameters of an utterance.
 
@@ -59,39 +55,20 @@ def check_parameters(
     yield from _check_movement(tracks, bounds, location, limits)
 
 
-def locate(
-    location: Location, tracks: ParameterTracks, item: str, run: slice | None = None
-) -> Location:
-    """Return the location of a parameter, and of a run of frames.
-
-    Parameters
-    ----------
-    location
-        The file and the utterance.
-    tracks
-        The parameters of the utterance.
-    item
-        The parameter.
-    run
-        The frames; None for all.
-
-    Returns
-    -------
-    Location
-        The location.
-    """
-    if run is None:
-        return Location(location.file, location.utterance, item)
-    times = tracks.start_time + np.array([run.start, run.stop - 1]) / tracks.rate
-    seconds = (float(times[0]), float(times[1]))
-    return Location(location.file, location.utterance, item, (run.start, run.stop - 1), seconds)
-
-
 def _collect_evidence(
-    tracks: ParameterTracks, curves: dict[str, FloatArray], run: slice, unit: str
+    tracks: ParameterTracks,
+    name: str,
+    curve: FloatArray,
+    run: slice,
+    unit: str = "of the full gesture",
 ) -> Evidence:
     part = slice(max(0, run.start - _MARGIN), run.stop + _MARGIN)
-    return Evidence(tracks.times[part], {n: c[part] for n, c in curves.items()}, unit)
+    return Evidence(tracks.times[part], {name: curve[part]}, unit)
+
+
+def _measure(run: slice, tracks: ParameterTracks) -> float:
+    """Return the duration of a run of frames, seconds."""
+    return float((run.stop - run.start) / tracks.rate)
 
 
 def _check_missing(
@@ -100,29 +77,19 @@ def _check_missing(
     rules = limits.parameters
     missing = find_runs(~known)
     for run in missing:
-        if (run.stop - run.start) / tracks.rate > rules.missing_time:
-            yield Finding(
-                "MF304",
-                locate(location, tracks, "", run),
-                f"{run.stop - run.start} frames ({(run.stop - run.start) / tracks.rate:.2f} s)",
-                f"at most {rules.missing_time} s",
-            )
+        if _measure(run, tracks) > rules.missing_time:
+            where = locate(location, tracks, "", run)
+            text = f"{run.stop - run.start} frames ({_measure(run, tracks):.2f} s)"
+            yield Finding("MF304", where, text, f"at most {rules.missing_time} s")
     if (~known).mean() > rules.missing_share:
-        yield Finding(
-            "MF304",
-            locate(location, tracks, "", missing[0]),
-            f"in all {(~known).mean():.0%} of the frames",
-            f"at most {rules.missing_share:.0%}",
-        )
+        where = locate(location, tracks, "", missing[0])
+        text = f"in all {(~known).mean():.0%} of the frames"
+        yield Finding("MF304", where, text, f"at most {rules.missing_share:.0%}")
     for column, name in enumerate(tracks.names):
         share = float(tracks.uncertain[:, column].mean())
         if share > rules.undetermined_share:
-            yield Finding(
-                "MF306",
-                locate(location, tracks, name),
-                f"in {share:.0%} of the frames",
-                f"at most {rules.undetermined_share:.0%}",
-            )
+            expected = f"at most {rules.undetermined_share:.0%}"
+            yield Finding("MF306", location.at(name), f"in {share:.0%} of the frames", expected)
 
 
 def _residuals(
@@ -135,27 +102,20 @@ def _residuals(
     median = float(np.median(tracks.residuals[there]))
     allowed = rules.residual_video if varies else rules.residual
     if median > allowed:
+        text = f"{median:.2f} mm (median over the utterance)"
+        finding = Finding("MF301", location, text, f"at most {allowed} mm")
         grave = median > rules.residual_error * allowed
-        yield Finding(
-            "MF301",
-            locate(location, tracks, ""),
-            f"{median:.2f} mm (median over the utterance)",
-            f"at most {allowed} mm",
-            severity="error" if grave else None,  # type: ignore[arg-type]
-        )
+        yield finding.replace(severity=Severity.ERROR) if grave else finding
         return
     limit = max(rules.bad_frames_residual, rules.bad_frames_factor * median)
     with np.errstate(invalid="ignore"):
         bad = find_runs(tracks.residuals > limit)
     for run in bad:
-        if (run.stop - run.start) / tracks.rate >= rules.bad_frames_time:
-            yield Finding(
-                "MF302",
-                locate(location, tracks, "", run),
-                f"up to {np.max(tracks.residuals[run]):.1f} mm",
-                f"at most {limit:.1f} mm",
-                evidence=_collect_evidence(tracks, {"residual": tracks.residuals}, run, "mm"),
-            )
+        if _measure(run, tracks) >= rules.bad_frames_time:
+            where = locate(location, tracks, "", run)
+            text = f"up to {np.max(tracks.residuals[run]):.1f} mm"
+            picture = _collect_evidence(tracks, "residual", tracks.residuals, run, "mm")
+            yield Finding("MF302", where, text, f"at most {limit:.1f} mm", evidence=picture)
 
 
 def _check_bounds(
@@ -172,28 +132,22 @@ def _check_bounds(
             if beyond.any():
                 run = find_runs(beyond)[0]
                 extreme = float(np.nanmax(sign * values) * sign)
-                yield Finding(
-                    "MF310",
-                    locate(location, tracks, name, run),
-                    f"{extreme:.3g} in {int(beyond.sum())} frames",
-                    f"{bounds[column, 0]:g} to {bounds[column, 1]:g}",
-                    evidence=_collect_evidence(tracks, {name: values}, run, "of the full gesture"),
-                )
+                where = locate(location, tracks, name, run)
+                text = f"{extreme:.3g} in {int(beyond.sum())} frames"
+                expected = f"{bounds[column, 0]:g} to {bounds[column, 1]:g}"
+                picture = _collect_evidence(tracks, name, values, run)
+                yield Finding("MF310", where, text, expected, evidence=picture)
             stretches = find_runs(reached)
             longest = max(stretches, key=lambda run: run.stop - run.start, default=slice(0, 0))
-            long = (longest.stop - longest.start) / tracks.rate >= rules.bound_time
+            duration = _measure(longest, tracks)
             share = reached.sum() / max(1, there.sum())
-            if long or share > rules.bound_share:
-                yield Finding(
-                    "MF303",
-                    locate(location, tracks, name, longest),
-                    f"at the {which} bound {bound:g} in {share:.0%} of the frames, "
-                    f"{(longest.stop - longest.start) / tracks.rate:.2f} s at a stretch",
-                    f"at most {rules.bound_share:.0%}, and less than {rules.bound_time} s",
-                    evidence=_collect_evidence(
-                        tracks, {name: values}, longest, "of the full gesture"
-                    ),
-                )
+            if duration >= rules.bound_time or share > rules.bound_share:
+                where = locate(location, tracks, name, longest)
+                text = f"at the {which} bound {bound:g} in {share:.0%} of the frames, "
+                text += f"{duration:.2f} s at a stretch"
+                expected = f"at most {rules.bound_share:.0%}, and less than {rules.bound_time} s"
+                picture = _collect_evidence(tracks, name, values, longest)
+                yield Finding("MF303", where, text, expected, evidence=picture)
 
 
 def _check_movement(
@@ -213,26 +167,20 @@ def _check_movement(
         values = tracks.values[:, column]
         for frame in np.flatnonzero(fast[:, column]):
             run = slice(int(frame), int(frame) + 2)
-            yield Finding(
-                "MF307",
-                locate(location, tracks, name, run),
-                f"{steps[frame, column]:.2f} full gestures from one frame to the next",
-                f"at most {max(rules.jump_size, rules.jump_speed / tracks.rate):.2f}",
-                evidence=_collect_evidence(tracks, {name: values}, run, "of the full gesture"),
-            )
+            where = locate(location, tracks, name, run)
+            text = f"{steps[frame, column]:.2f} full gestures from one frame to the next"
+            expected = f"at most {max(rules.jump_size, rules.jump_speed / tracks.rate):.2f}"
+            picture = _collect_evidence(tracks, name, values, run)
+            yield Finding("MF307", where, text, expected, evidence=picture)
         for stretch in find_runs(still[:, column] & moving):
             run = slice(stretch.start, stretch.stop + 1)
             if (np.abs(values[run.start] - bounds[column]) <= rules.bound_distance).any():
                 continue
-            if (run.stop - run.start) / tracks.rate >= rules.still_time:
-                at_bound = "" if values[run.start] else " (at rest)"
-                yield Finding(
-                    "MF308",
-                    locate(location, tracks, name, run),
-                    f"{values[run.start]:.3g}{at_bound} for "
-                    f"{(run.stop - run.start) / tracks.rate:.2f} s",
-                    "a track that moves with the others",
-                )
+            if _measure(run, tracks) >= rules.still_time:
+                at_rest = "" if values[run.start] else " (at rest)"
+                where = locate(location, tracks, name, run)
+                text = f"{values[run.start]:.3g}{at_rest} for {_measure(run, tracks):.2f} s"
+                yield Finding("MF308", where, text, "a track that moves with the others")
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,7 +237,7 @@ def measure_closures(
     """
     there = np.isfinite(gaps)
     times, margin = tracks.times, limits.parameters.lips_time
-    findings = []
+    closures = []
     for label in phones:
         parsed = phone_set.parse(label.text)
         if parsed is None or "bilabial_stop" not in phone_set.get_phone(parsed[0]).get_classes():
@@ -298,22 +246,20 @@ def measure_closures(
         if not inside.any():
             continue
         around = (times >= label.start - 0.15) & (times < label.end + 0.15)
-        where = Location(
-            location.file, location.utterance, label.text, None, (label.start, label.end)
-        )
+        where = location.at(label.text, seconds=(label.start, label.end))
         picture = Evidence(times[around], {"gap of the lips": gaps[around]}, "mm")
-        findings.append(Closure(where, parsed[0], float(gaps[inside].min()), picture))
-    return findings
+        closures.append(Closure(where, parsed[0], float(gaps[inside].min()), picture))
+    return closures
 
 
 def check_closures(
-    findings: list[Closure], spans: FloatArray, limits: Thresholds
+    closures: list[Closure], spans: FloatArray, limits: Thresholds
 ) -> Iterator[Finding]:
     """Find bilabials in which the lips stay open.
 
     Parameters
     ----------
-    findings
+    closures
         The closures of all utterances.
     spans
         `(utterances, 2)`: the gap when closed and when wide open.
@@ -331,12 +277,8 @@ def check_closures(
     closed = float(np.median(spans[:, 0]))
     opened = float(np.quantile(spans[:, 1], 0.75))
     limit = max(rules.lips_open, closed + rules.lips_open_share * (opened - closed))
-    for closure in findings:
+    for closure in closures:
         if closure.gap > limit:
-            yield Finding(
-                "MF309",
-                closure.location,
-                f"the lips stay {closure.gap:.1f} mm apart in '{closure.phone}'",
-                f"at most {limit:.1f} mm",
-                evidence=closure.evidence,
-            )
+            text = f"the lips stay {closure.gap:.1f} mm apart in '{closure.phone}'"
+            expected = f"at most {limit:.1f} mm"
+            yield Finding("MF309", closure.location, text, expected, evidence=closure.evidence)

@@ -79,21 +79,14 @@ def list_overviews(report: Report) -> Iterator[tuple[str, Callable[[], Figure]]]
         ]
     ).reshape(-1, 2)
     if len(lengths):
-        yield (
-            "The length of each recording and of its sound.",
-            lambda: _draw_lengths(lengths),
-        )
+        yield ("The length of each recording and of its sound.", lambda: _draw_lengths(lengths))
     offsets = np.array([s.offset[0] for s in summaries if s.offset is not None])
     if len(offsets):
         yield (
             "How late the frames are, as lips and loudness tell: single utterances are a syllable "
             "off, their middle is not. The lines are the thresholds of MF147.",
             lambda: _draw_histogram(
-                1000 * offsets,
-                "offset (ms)",
-                "utterances",
-                1000 * limits.time.offset,
-                both=True,
+                1000 * offsets, "offset (ms)", "utterances", 1000 * limits.time.offset, both=True
             ),
         )
 

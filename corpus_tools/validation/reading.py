@@ -80,16 +80,12 @@ def describe_failure(error: MocapFitError, file: str, utterance: str = "") -> Fi
     elif isinstance(error, RateMismatchError):
         code = "MF141"
     expected = "" if error.expected is None else str(error.expected)[:200]
-    return Finding(
-        code, Location(file, utterance), _describe_error(error), expected, advice=error.advice or ""
-    )
+    where = Location(file, utterance)
+    return Finding(code, where, _describe_error(error), expected, advice=error.advice or "")
 
 
 def read_utterance(
-    utterance: Utterance,
-    shown: str,
-    wanted: Sequence[str],
-    limits: Thresholds,
+    utterance: Utterance, shown: str, wanted: Sequence[str], limits: Thresholds
 ) -> tuple[Subject, list[Finding]]:
     """Read an utterance of a corpus on disk, and check its tables.
 
@@ -162,12 +158,7 @@ def _read_phones(subject: Subject, path: Path, name: str) -> Iterator[Finding]:
 
 
 def _read_tracks(
-    subject: Subject,
-    utterance: Utterance,
-    path: Path,
-    kind: str,
-    name: str,
-    limits: Thresholds,
+    subject: Subject, utterance: Utterance, path: Path, kind: str, name: str, limits: Thresholds
 ) -> Iterator[Finding]:
     frame, description = read_frame(path, (kind,))
     location = Location(name, subject.name)
@@ -191,36 +182,25 @@ def _check_name(
 ) -> Iterator[Finding]:
     name = description.get("name")
     if name != utterance:
-        yield Finding(
-            "MF504",
-            Location(location.file, utterance, "name"),
-            f"the file says '{name}'",
-            utterance,
-        )
+        where = Location(location.file, utterance, "name")
+        yield Finding("MF504", where, f"the file says '{name}'", utterance)
 
 
 def _check_duration(
     tracks: ParameterTracks, utterance: Utterance, location: Location, limits: Thresholds
 ) -> Iterator[Finding]:
     if not abs(tracks.duration - utterance.duration) <= limits.corpus.duration:
-        yield Finding(
-            "MF504",
-            Location(location.file, location.utterance, "duration"),
-            f"{tracks.frames} frames at {tracks.rate:g} Hz, {tracks.duration:.4f} s",
-            f"{utterance.duration:.4f} s, as the table of utterances says",
-        )
+        text = f"{tracks.frames} frames at {tracks.rate:g} Hz, {tracks.duration:.4f} s"
+        expected = f"{utterance.duration:.4f} s, as the table of utterances says"
+        yield Finding("MF504", location.at("duration"), text, expected)
 
 
 def _check_frames(tracks: Tracks, subject: Subject, location: Location) -> Iterator[Finding]:
     """Head and markers have the frames of the parameters."""
     parameters = subject.parameters
     if parameters is not None and tracks.frames != parameters.frames:
-        yield Finding(
-            "MF504",
-            location,
-            f"{tracks.frames} frames",
-            f"{parameters.frames}, as the parameters have",
-        )
+        text = f"{tracks.frames} frames"
+        yield Finding("MF504", location, text, f"{parameters.frames}, as the parameters have")
 
 
 @dataclass
@@ -341,12 +321,8 @@ def describe_unknown(path: Path) -> Finding:
     """
     if not path.exists():
         return Finding("MF001", Location(str(path)), "there is no such file or folder")
-    return Finding(
-        "MF001",
-        Location(str(path)),
-        f"no reader takes files in {path.suffix or 'no ending'}",
-        "a recording, labels, sound, or a corpus",
-    )
+    text = f"no reader takes files in {path.suffix or 'no ending'}"
+    return Finding("MF001", Location(str(path)), text, "a recording, labels, sound, or a corpus")
 
 
 def _list_endings(registry: Any) -> set[str]:

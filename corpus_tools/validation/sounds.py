@@ -76,24 +76,15 @@ def check_sound(sound: Sound, location: Location, limits: Thresholds) -> Iterato
         if count > rules.clipped_share * len(channel):
             first = clipped[0].start / sound.rate
             last = clipped[-1].stop / sound.rate
-            yield Finding(
-                "MF401",
-                Location(
-                    location.file, location.utterance, f"channel {number}", None, (first, last)
-                ),
-                f"{count} samples at full scale, in {len(clipped)} places",
-                f"at most {rules.clipped_share:.2%} of the samples",
-            )
+            where = location.at(f"channel {number}", seconds=(first, last))
+            text = f"{count} samples at full scale, in {len(clipped)} places"
+            yield Finding("MF401", where, text, f"at most {rules.clipped_share:.2%} of the samples")
     levels = measure_tenths(sound)
-    loudest = float(levels.max())
-    if loudest < rules.silent_db or loudest - float(levels.min()) < rules.speech_over_noise:
-        yield Finding(
-            "MF402",
-            location,
-            f"the loudest tenth of a second has {loudest:.0f} dB, the quietest "
-            f"{levels.min():.0f} dB",
-            f"more than {rules.silent_db:g} dB, and {rules.speech_over_noise:g} dB apart",
-        )
+    loudest, quietest = float(levels.max()), float(levels.min())
+    if loudest < rules.silent_db or loudest - quietest < rules.speech_over_noise:
+        text = f"the loudest tenth of a second has {loudest:.0f} dB, the quietest {quietest:.0f} dB"
+        expected = f"more than {rules.silent_db:g} dB, and {rules.speech_over_noise:g} dB apart"
+        yield Finding("MF402", location, text, expected)
 
 
 def measure_tenths(sound: Sound) -> FloatArray:
@@ -163,25 +154,18 @@ def check_lengths(
         return
     likely = frames / max(sound_end - start_time, 1e-9)
     if labels_end is not None and not is_different(labels_end, sound_end):
-        ratio = likely / rate
         # Labels may stop before the recording does; only the recording can be stretched.
-        yield Finding(
-            "MF141",
-            location,
-            f"{frames} frames at {rate:g} Hz last until {recorded:.3f} s; sound and labels end at "
-            f"{sound_end:.3f} s",
-            f"about {likely:.4g} Hz ({ratio:.3g} times), or a recording of {sound_end:.3f} s",
-        )
+        text = f"{frames} frames at {rate:g} Hz last until {recorded:.3f} s; "
+        text += f"sound and labels end at {sound_end:.3f} s"
+        times = f"{likely / rate:.3g} times"
+        expected = f"about {likely:.4g} Hz ({times}), or a recording of {sound_end:.3f} s"
+        yield Finding("MF141", location, text, expected)
         return
     cut = labels_end is not None and not is_different(labels_end, recorded)
-    yield Finding(
-        "MF143",
-        location,
-        f"the recording ends at {recorded:.3f} s, the sound at {sound_end:.3f} s"
-        + (", the labels with the recording" if cut else ""),
-        "the same length"
-        + (": the sound was cut" if cut and sound_end < recorded else f", or {likely:.4g} Hz"),
-    )
+    text = f"the recording ends at {recorded:.3f} s, the sound at {sound_end:.3f} s"
+    text += ", the labels with the recording" if cut else ""
+    reason = ": the sound was cut" if cut and sound_end < recorded else f", or {likely:.4g} Hz"
+    yield Finding("MF143", location, text, f"the same length{reason}")
 
 
 def check_pulses(
@@ -214,18 +198,12 @@ def check_pulses(
             train = decode_pulses(sound.get_channel(number), sound.rate, rate)
         except DataError:
             continue
-        where = Location(location.file, location.utterance, f"channel {number}")
+        where = location.at(f"channel {number}")
         findings = list(check_clock(train.drift_ppm, train.residual or 0.0, where, limits))
         share = float(train.present.sum()) / max(1, frames)
         if train.frames != frames or share < limits.time.pulses_heard:
-            findings.append(
-                Finding(
-                    "MF146",
-                    where,
-                    f"{int(train.present.sum())} pulses, {int((~train.present).sum())} missing",
-                    f"{frames}, one a frame",
-                )
-            )
+            text = f"{int(train.present.sum())} pulses, {int((~train.present).sum())} missing"
+            findings.append(Finding("MF146", where, text, f"{frames}, one a frame"))
         return number, findings
     return None, []
 
@@ -255,9 +233,5 @@ def check_clock(
     if abs(drift_ppm) > rules.drift:
         yield Finding("MF145", location, f"{drift_ppm:+.0f} ppm", f"at most {rules.drift:g} ppm")
     if residual > rules.pulse_residual:
-        yield Finding(
-            "MF146",
-            location,
-            f"pulses scatter by {1000 * residual:.2f} ms about an even clock",
-            f"at most {1000 * rules.pulse_residual:g} ms",
-        )
+        text = f"pulses scatter by {1000 * residual:.2f} ms about an even clock"
+        yield Finding("MF146", location, text, f"at most {1000 * rules.pulse_residual:g} ms")

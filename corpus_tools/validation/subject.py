@@ -330,12 +330,8 @@ def _check_noted_clock(
     if noted.get("is_estimate"):
         correlation = noted.get("correlation")
         with_it = "" if correlation is None else f", correlation {correlation:.2f}"
-        yield Finding(
-            "MF144",
-            location,
-            f"start time {noted['start_time']:.3f} s, from lips and energy{with_it}",
-            "pulses",
-        )
+        text = f"start time {noted['start_time']:.3f} s, from lips and energy{with_it}"
+        yield Finding("MF144", location, text, "pulses")
     if noted.get("drift_ppm") is not None:
         yield from check_clock(
             float(noted["drift_ppm"]), float(noted.get("residual") or 0.0), location, limits
@@ -363,12 +359,9 @@ def _check_lengths(
     elif tracks.duration > sound.duration + limits.time.length or (
         sound.duration - tracks.duration > limits.time.length_apart
     ):
-        yield Finding(
-            "MF143",
-            subject.get_location(part),
-            f"the recording lasts {tracks.duration:.3f} s, the sound {sound.duration:.3f} s",
-            f"a sound that is up to {limits.time.length_apart} s longer",
-        )
+        text = f"the recording lasts {tracks.duration:.3f} s, the sound {sound.duration:.3f} s"
+        expected = f"a sound that is up to {limits.time.length_apart} s longer"
+        yield Finding("MF143", subject.get_location(part), text, expected)
 
 
 def _check_labels(
@@ -395,11 +388,7 @@ def _check_labels(
 
 
 def _measure_lips(
-    subject: Subject,
-    tracks: ParameterTracks,
-    rig: Rig,
-    sound: Sound | None,
-    context: Context,
+    subject: Subject, tracks: ParameterTracks, rig: Rig, sound: Sound | None, context: Context
 ) -> tuple[list[Closure], tuple[float, float] | None, tuple[float, float] | None]:
     """Closures, how far the lips open, and where the sound says that the first frame is."""
     try:

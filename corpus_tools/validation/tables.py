@@ -228,7 +228,7 @@ def _find_failures(frame: pd.DataFrame, kind: str) -> dict[tuple[str, str], list
 def _describe_failures(
     location: Location, column: str, check: str, cases: Sequence[tuple[Any, Any]]
 ) -> Finding:
-    where = Location(location.file, location.utterance, column)
+    where = location.at(column)
     if check in ("column_in_dataframe", "there"):
         return Finding("MF503", where, "there is no such column", "a column of that name")
     rows = [int(row) for row, _ in cases if isinstance(row, int | np.integer)]
@@ -258,12 +258,9 @@ def _check_rotations(
         off |= np.linalg.det(matrices[there]) < 0
         if off.any():
             frame_number = int(np.flatnonzero(there)[int(np.argmax(off))])
-            yield Finding(
-                "MF503",
-                Location(location.file, location.utterance, name, (frame_number, frame_number)),
-                f"{int(off.sum())} matrices turn nothing",
-                REQUIREMENTS["rotation"],
-            )
+            where = location.at(name, (frame_number, frame_number))
+            text = f"{int(off.sum())} matrices turn nothing"
+            yield Finding("MF503", where, text, REQUIREMENTS["rotation"])
 
 
 def check_times(
@@ -301,26 +298,15 @@ def check_times(
     steps = np.diff(times)
     spread = float(np.ptp(steps)) if len(steps) and np.isfinite(times).all() else np.inf
     if len(steps) > 1 and spread < allowed and abs(np.median(steps) * rate - 1) > limits.time.rate:
-        yield Finding(
-            "MF141",
-            Location(location.file, location.utterance, "time"),
-            f"time stamps {1 / np.median(steps):.6g} Hz apart",
-            f"{rate:g} Hz, as the file's description says",
-        )
+        text = f"time stamps {1 / np.median(steps):.6g} Hz apart"
+        expected = f"{rate:g} Hz, as the file's description says"
+        yield Finding("MF141", location.at("time"), text, expected)
         return
-    yield Finding(
-        "MF142",
-        Location(
-            location.file,
-            location.utterance,
-            "time",
-            (first, first + int(np.flatnonzero(off)[-1]) - first),
-            (float(even[first]), float(even[np.flatnonzero(off)[-1]])),
-        ),
-        f"{int(off.sum())} of {len(times)} stamps are off, the first by "
-        f"{1000 * (times[first] - even[first]):.1f} ms",
-        f"every {1000 / rate:.2f} ms from {start:g} s",
-    )
+    last = int(np.flatnonzero(off)[-1])
+    where = location.at("time", (first, last), (float(even[first]), float(even[last])))
+    text = f"{int(off.sum())} of {len(times)} stamps are off, the first by "
+    text += f"{1000 * (times[first] - even[first]):.1f} ms"
+    yield Finding("MF142", where, text, f"every {1000 / rate:.2f} ms from {start:g} s")
 
 
 def check_utterance_name(
@@ -346,9 +332,5 @@ def check_utterance_name(
         return
     others = sorted({str(name) for name in frame["utterance"].unique()} - {utterance})
     if others:
-        yield Finding(
-            "MF504",
-            Location(location.file, location.utterance, "utterance"),
-            f"rows of {', '.join(others[:_SHOWN])}",
-            utterance,
-        )
+        where = location.at("utterance")
+        yield Finding("MF504", where, f"rows of {', '.join(others[:_SHOWN])}", utterance)
