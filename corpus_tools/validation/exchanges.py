@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from corpus_tools.validation.thresholds import Section
 from mocap_fit.tracks import FloatArray
 
 
@@ -59,7 +59,7 @@ def find_previous(positions: FloatArray, reach: int) -> tuple[FloatArray, NDArra
 
 
 def find_exchanges(
-    positions: FloatArray, rate: float, limits: Section
+    positions: FloatArray, rate: float, limits: SimpleNamespace
 ) -> tuple[list[Exchange], FloatArray]:
     """Find exchanged names, and give the positions with the names exchanged back.
 
@@ -122,44 +122,33 @@ def find_exchanges(
 def _find_rings(here: FloatArray, before: FloatArray, gain: float) -> list[tuple[int, ...]]:
     """Rings of a permutation that explains the jumps: each member goes where the next one was."""
     apart = np.linalg.norm(here[:, None] - before[None], axis=2)
-    rows, columns = linear_sum_assignment(apart**2)
-    follows = dict(zip(rows.tolist(), columns.tolist(), strict=True))
+    _, follows = linear_sum_assignment(apart**2)
     rings = []
-    left = set(follows)
-    while left:
-        ring = [min(left)]
-        while follows[ring[-1]] != ring[0]:
-            ring.append(follows[ring[-1]])
-        left -= set(ring)
+    for ring in _find_cycles(follows):
         stay = sum(apart[k, k] for k in ring)
         exchanged = sum(apart[k, follows[k]] for k in ring)
-        if len(ring) > 1 and exchanged < gain * stay:
-            rings.append(tuple(ring))
+        if exchanged < gain * stay:
+            rings.append(ring)
     return rings
 
 
 def _choose_longer_side(owners: NDArray[np.intp]) -> NDArray[np.intp]:
     """Where names are not given back until the end, the longer side is right."""
-    frames, markers = owners.shape
-    identity = np.arange(markers)
     values, counts = np.unique(owners, axis=0, return_counts=True)
     commonest = values[int(np.argmax(counts))]
-    if np.array_equal(commonest, identity) or 2 * counts.max() <= frames:
+    if np.array_equal(commonest, np.arange(len(commonest))) or 2 * counts.max() <= len(owners):
         return owners
     # Tracks are called by the names that they carry most of the time.
-    inverse = np.empty(markers, dtype=np.intp)
-    inverse[commonest] = identity
-    return np.asarray(inverse[owners])
+    return np.asarray(np.argsort(commonest)[owners])
 
 
 def _find_exchanges(owners: NDArray[np.intp]) -> list[Exchange]:
-    frames, markers = owners.shape
-    identity = np.arange(markers)
+    frames = len(owners)
     exchanges = []
     changes = np.flatnonzero((np.diff(owners, axis=0) != 0).any(axis=1)) + 1
     open_rings: dict[tuple[int, ...], int] = {}
     for start in [0, *changes.tolist(), frames]:
-        rings = set() if start == frames else _find_cycles(owners[start], identity)
+        rings = [] if start == frames else _find_cycles(owners[start])
         for ring in [ring for ring in open_rings if ring not in rings]:
             exchanges.append(Exchange(ring, open_rings.pop(ring), start - 1))
         for ring in rings:
@@ -167,13 +156,14 @@ def _find_exchanges(owners: NDArray[np.intp]) -> list[Exchange]:
     return sorted(exchanges, key=lambda exchange: (exchange.first, exchange.markers))
 
 
-def _find_cycles(owner: NDArray[np.intp], identity: NDArray[np.intp]) -> set[tuple[int, ...]]:
-    rings = set()
-    left = set(np.flatnonzero(owner != identity).tolist())
+def _find_cycles(follows: NDArray[np.intp]) -> list[tuple[int, ...]]:
+    """Return the cycles of a permutation, without its fixed points."""
+    cycles = []
+    left = set(np.flatnonzero(follows != np.arange(len(follows))).tolist())
     while left:
-        ring = [min(left)]
-        while int(owner[ring[-1]]) != ring[0]:
-            ring.append(int(owner[ring[-1]]))
-        left -= set(ring)
-        rings.add(tuple(ring))
-    return rings
+        cycle = [min(left)]
+        while int(follows[cycle[-1]]) != cycle[0]:
+            cycle.append(int(follows[cycle[-1]]))
+        left -= set(cycle)
+        cycles.append(tuple(cycle))
+    return cycles

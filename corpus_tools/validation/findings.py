@@ -308,8 +308,8 @@ def limit_findings(findings: Iterable[Finding], most: int) -> Iterator[Finding]:
     groups: dict[tuple[str, str, str, str], list[Finding]] = {}
     for finding in findings:
         location = finding.location
-        get_key = (finding.code, location.file, location.utterance, location.item)
-        groups.setdefault(get_key, []).append(finding)
+        key = (finding.code, location.file, location.utterance, location.item)
+        groups.setdefault(key, []).append(finding)
     for group in groups.values():
         yield from group[: most - 1]
         more = len(group) - most

@@ -84,7 +84,7 @@ def summarise(
     head: tuple[str, ...] = ()
     if layout is not None:
         expected = shapes.locate_expected(layout, recording.names)
-        fitted = shapes.align_shapes(expected, still.placed, limits.shape.mirror_gain, True)
+        fitted = shapes.align_shapes(expected, still.placed, limits.shape.mirror_gain)
         head = tuple(m.name for m in layout.head_markers if m.name in recording.names)
     varies = layout is not None and layout.size_varies
     return Shape(location, recording.names, head, still.placed, fitted, varies)
@@ -229,7 +229,7 @@ def _estimate_session_shape(members: Sequence[Shape], limits: Thresholds) -> _Se
     aligned = placed
     rotations = []
     for _ in range(2):
-        fits = [shapes.align_shapes(one, base, limits.shape.mirror_gain, True) for one in placed]
+        fits = [shapes.align_shapes(one, base, limits.shape.mirror_gain) for one in placed]
         rotations = [None if f is None or f.mirrored else f.matrix for f in fits]
         aligned = np.full(placed.shape, np.nan)
         for row, (one, fit) in enumerate(zip(placed, fits, strict=True)):
@@ -315,7 +315,7 @@ def _check_axes(member: Shape, middle: _Session | None, limits: Thresholds) -> I
             yield _describe_mirrored(member, against).replace(advice=advice)
         return
     here = _order_points(member, middle.names)
-    fit = shapes.align_shapes(middle.shape, here, limits.shape.mirror_gain, True)
+    fit = shapes.align_shapes(middle.shape, here, limits.shape.mirror_gain)
     if fit is None:
         return
     if fit.mirrored:
@@ -352,14 +352,14 @@ def _check_positions(member: Shape, middle: _Session, limits: Thresholds) -> Ite
     here = _order_points(member, middle.names)
     head = [k for k, name in enumerate(middle.names) if name in member.head]
     slipped: set[int] = set()
-    if len(head) >= 4:
-        odd = _find_odd_one(middle.shape[head], here[head], rules.slip_in_session, member.varies)
+    if len(head) >= 4 and not member.varies:
+        odd = _find_odd_one(middle.shape[head], here[head], rules.slip_in_session)
         if odd is not None:
             slipped.add(head[odd[0]])
             text = f"{odd[1]:.1f} mm from where the session's other recordings have it"
             expected = f"at most {rules.slip_in_session} mm"
             yield Finding("MF125", member.location.at(middle.names[head[odd[0]]]), text, expected)
-    fit = shapes.align_shapes(here, middle.shape, rules.mirror_gain, True)
+    fit = shapes.align_shapes(here, middle.shape, rules.mirror_gain)
     if fit is None or fit.mirrored:
         return
     moved = _align(here, fit, middle.shape)
@@ -388,9 +388,7 @@ def _check_positions(member: Shape, middle: _Session, limits: Thresholds) -> Ite
         yield Finding("MF127", member.location.at(middle.names[k]), text, expected)
 
 
-def _find_odd_one(
-    usual: FloatArray, here: FloatArray, limit: float, scaled: bool
-) -> tuple[int, float] | None:
+def _find_odd_one(usual: FloatArray, here: FloatArray, limit: float) -> tuple[int, float] | None:
     """Return the point that has moved against the others, and how far."""
     there = np.flatnonzero(~(np.isnan(usual[:, 0]) | np.isnan(here[:, 0])))
     if len(there) < 4:
@@ -405,6 +403,6 @@ def _find_odd_one(
         off = float(np.linalg.norm(here[k] - rotations[0] @ usual[k] - translations[0]))
         if best is None or residuals[0] < best[0]:
             best = (float(residuals[0]), int(k), off)
-    if best is None or scaled or best[2] < limit or best[0] > 0.4 * best[2]:
+    if best is None or best[2] < limit or best[0] > 0.4 * best[2]:
         return None
     return best[1], best[2]

@@ -46,8 +46,8 @@ def write_page(report: Report, path: Path) -> None:
 
 
 def _format_parts(report: Report, folder: Path) -> Iterator[str]:
-    for format_row in report.checked:
-        yield format_paragraph(format_row)
+    for line in report.checked:
+        yield format_paragraph(line)
     colour = _COLOURS[Severity.NOTE] if report.is_clean else _COLOURS[Severity.ERROR]
     verdict = html.escape(report.format_verdict())
     yield f'<p style="font-size:1.1rem;color:{colour}"><b>{verdict}</b></p>'
@@ -85,20 +85,13 @@ def _format_group(first: Finding, members: list[Finding]) -> str:
         f'<summary style="margin:0.5rem 0"><b style="color:{colour}">{first.severity.value} '
         f"{first.code}</b> {html.escape(first.title)} ({len(members)})</summary>"
     )
-    rows = [
-        (
-            finding.location.utterance,
-            finding.location.item,
-            "" if finding.location.frames is None else _format_span(finding.location.frames),
-            ""
-            if finding.location.seconds is None
-            else f"{finding.location.seconds[0]:.3f}–{finding.location.seconds[1]:.3f}",
-            finding.found,
-            finding.expected,
-            finding.location.file,
-        )
-        for finding in members[:_MOST_ROWS]
-    ]
+    rows = []
+    for finding in members[:_MOST_ROWS]:
+        where = finding.location
+        frames = "" if where.frames is None else _format_span(where.frames)
+        seconds = "" if where.seconds is None else "{:.3f}–{:.3f}".format(*where.seconds)
+        texts = (finding.found, finding.expected, where.file)
+        rows.append((where.utterance, where.item, frames, seconds, *texts))
     header = ("utterance", "what", "frames", "seconds", "found", "expected", "file")
     table = _format_table(header, rows)
     more = ""

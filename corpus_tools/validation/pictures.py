@@ -106,8 +106,7 @@ def draw_evidence(finding: Finding) -> Figure:
     """
     shown = finding.evidence
     assert shown is not None
-    figure, panels = create_figure((_WIDTH, 2.2))
-    panel = panels[0, 0]
+    figure, panel = _create_panel((_WIDTH, 2.2))
     if finding.location.seconds is not None:
         start, end = finding.location.seconds
         half = 0.5 * float(np.median(np.diff(shown.times))) if len(shown.times) > 1 else 0.01
@@ -118,12 +117,16 @@ def draw_evidence(finding: Finding) -> Figure:
         level = float(np.nanmedian(values)) if single and np.isfinite(values).any() else 0.0
         shift = level if _has_coordinates(finding) else 0.0
         panel.plot(shown.times, values - shift, color=colour, label=name, marker=".", markersize=3)
-    panel.set_xlabel("time (s)")
-    panel.set_ylabel(shown.unit)
+    panel.set(xlabel="time (s)", ylabel=shown.unit)
     panel.margins(x=0.01)
     if single:
         panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
+
+
+def _create_panel(size: tuple[float, float]) -> tuple[Figure, Any]:
+    figure, panels = create_figure(size)
+    return figure, panels[0, 0]
 
 
 def _has_coordinates(finding: Finding) -> bool:
@@ -147,8 +150,7 @@ def _collect_figures(summaries: Sequence[Summary], name: str) -> Any:
 def _draw_gaps(gaps: dict[str, list[float]], limit: float) -> Figure:
     worst = sorted(gaps, key=lambda name: -max(gaps[name]))[:_MOST_NAMES]
     names = [name for name in gaps if name in worst]
-    figure, panels = create_figure((_WIDTH, 0.9 + 0.16 * len(names)))
-    panel = panels[0, 0]
+    figure, panel = _create_panel((_WIDTH, 0.9 + 0.16 * len(names)))
     locations = np.arange(len(names))
     panel.barh(locations, [100 * np.mean(gaps[n]) for n in names], color=BLUE, height=0.7)
     panel.plot(
@@ -163,8 +165,7 @@ def _draw_gaps(gaps: dict[str, list[float]], limit: float) -> Figure:
 
 
 def _draw_front(summaries: Sequence[Summary]) -> Figure:
-    figure, panels = create_figure((_WIDTH, 6.4))
-    panel = panels[0, 0]
+    figure, panel = _create_panel((_WIDTH, 6.4))
     for summary in summaries:
         shape = summary.shape
         assert shape is not None
@@ -176,38 +177,27 @@ def _draw_front(summaries: Sequence[Summary]) -> Figure:
     assert last is not None
     for name, location in zip(last.names, face, strict=True):
         if np.isfinite(location).all():
-            panel.annotate(
-                name,
-                location[:2],
-                fontsize=6,
-                color=GREY,
-                xytext=(2, 2),
-                textcoords="offset points",
-            )
-    panel.set_aspect("equal")
-    panel.set_xlabel("to the speaker's left (mm)")
-    panel.set_ylabel("up (mm)")
+            offset = {"xytext": (2, 2), "textcoords": "offset points"}
+            panel.annotate(name, location[:2], fontsize=6, color=GREY, **offset)
+    panel.set(aspect="equal", xlabel="to the speaker's left (mm)", ylabel="up (mm)")
     return figure
 
 
 def _draw_histogram(
     values: Any, label: str, counted: str, limit: float | None, *, both: bool = False
 ) -> Figure:
-    figure, panels = create_figure((_WIDTH, 2.4))
-    panel = panels[0, 0]
+    figure, panel = _create_panel((_WIDTH, 2.4))
     panel.hist(values, bins=min(40, max(8, len(values) // 4)), color=BLUE)
     for value in [] if limit is None else [limit, -limit] if both else [limit]:
         panel.axvline(value, color=RED, linestyle="--", linewidth=1)
-    panel.set_xlabel(label)
-    panel.set_ylabel(counted)
+    panel.set(xlabel=label, ylabel=counted)
     return figure
 
 
 def _draw_reach(summaries: Sequence[Summary], bounds: dict[str, tuple[float, float]]) -> Figure:
     reaches = [summary.reach for summary in summaries if summary.reach]
     names = list(reaches[0])
-    figure, panels = create_figure((_WIDTH, 0.9 + 0.3 * len(names)))
-    panel = panels[0, 0]
+    figure, panel = _create_panel((_WIDTH, 0.9 + 0.3 * len(names)))
     for row, name in enumerate(names):
         if name in bounds:
             low, high = bounds[name]
@@ -223,13 +213,9 @@ def _draw_reach(summaries: Sequence[Summary], bounds: dict[str, tuple[float, flo
 
 
 def _draw_lengths(lengths: Any) -> Figure:
-    figure, panels = create_figure((4.6, 3.6))
-    panel = panels[0, 0]
+    figure, panel = _create_panel((4.6, 3.6))
     top = 1.05 * float(lengths.max())
     panel.plot([0, top], [0, top], color=GREY, linewidth=0.8)
     panel.plot(lengths[:, 0], lengths[:, 1], ".", color=BLUE)
-    panel.set_xlim(0, top)
-    panel.set_ylim(0, top)
-    panel.set_xlabel("recording (s)")
-    panel.set_ylabel("sound (s)")
+    panel.set(xlim=(0, top), ylim=(0, top), xlabel="recording (s)", ylabel="sound (s)")
     return figure

@@ -8,10 +8,10 @@ from __future__ import annotations
 import dataclasses
 import os
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from corpus_tools.validation.findings import Finding, Location
 from corpus_tools.validation.subject import Subject
@@ -45,6 +45,7 @@ FOLDERS = {
     "markers": ("markers", "parquet", "markers"),
     "audio": ("sound", "wav", "sound"),
 }
+_Content = TypeVar("_Content")
 SOUND_ENDINGS = (".wav", ".flac", ".aiff", ".aif", ".ogg")
 
 
@@ -368,41 +369,39 @@ def read_files(files: Files, phone_set: PhoneSet | None) -> tuple[list[Subject],
             subjects.append(subject)
         return subject
 
-    for path in files.recordings:
-        try:
-            tracks = read(path)
-        except MocapFitError as error:
-            findings.append(describe_failure(error, str(path), files.name))
-            continue
+    for file, tracks in _read_each(files.recordings, read, files.name, findings):
         if isinstance(tracks, MarkerTracks):
             one = take_subject("markers")
-            one.files["markers"], one.markers = str(path), tracks
+            one.files["markers"], one.markers = file, tracks
         elif isinstance(tracks, ParameterTracks):
             one = take_subject("parameters")
-            one.files["parameters"], one.parameters = str(path), tracks
+            one.files["parameters"], one.parameters = file, tracks
     subject = subjects[0]
-    for path in files.sounds:
-        try:
-            sound = read_sound(path)
-        except MocapFitError as error:
-            findings.append(describe_failure(error, str(path), files.name))
-            continue
+    for file, sound in _read_each(files.sounds, read_sound, files.name, findings):
         one = take_subject("sound")
-        one.files["sound"], one.sound = str(path), sound
+        one.files["sound"], one.sound = file, sound
     subject = subjects[0]
-    for path in files.labels:
-        try:
-            utterances = read_all_labels(path)
-        except MocapFitError as error:
-            findings.append(describe_failure(error, str(path), files.name))
-            continue
+    for file, utterances in _read_each(files.labels, read_all_labels, files.name, findings):
         for labels in utterances:
             one = take_subject("labels")
             if len(utterances) > 1:
                 one.name = labels.name
-            one.files["labels"] = str(path)
+            one.files["labels"] = file
             findings += _read_phone_tier(one, labels, phone_set)
     return [one for one in subjects if one.files], findings
+
+
+def _read_each(
+    paths: Sequence[Path], reader: Callable[[Path], _Content], name: str, findings: list[Finding]
+) -> Iterator[tuple[str, _Content]]:
+    """Yield the files that can be read with their contents; the others become findings."""
+    for path in paths:
+        try:
+            content = reader(path)
+        except MocapFitError as error:
+            findings.append(describe_failure(error, str(path), name))
+        else:
+            yield str(path), content
 
 
 def _read_phone_tier(

@@ -99,8 +99,6 @@ class Fitted:
         `(3, 3)`, a rotation, or a rotation of the mirror image.
     scale
         Size of the target over that of the source, no unit.
-    misfit
-        Root (weighted) mean square distance, millimetres of the target.
     distances
         `(points,)`; NaN where a point is in one shape alone.
     mirrored
@@ -109,15 +107,12 @@ class Fitted:
 
     matrix: FloatArray
     scale: float
-    misfit: float
     distances: FloatArray
     mirrored: bool
 
 
-def align_shapes(
-    source: FloatArray, target: FloatArray, gain: float, scaled: bool
-) -> Fitted | None:
-    """Lay a shape on another one, not following a few points that are elsewhere.
+def align_shapes(source: FloatArray, target: FloatArray, gain: float) -> Fitted | None:
+    """Lay a shape on another one of any size, not following a few points that are elsewhere.
 
     Parameters
     ----------
@@ -125,8 +120,6 @@ def align_shapes(
         `(points, 3)`; NaN is missing.
     gain
         The mirror image is taken where its misfit is this part of the shape's own, or less.
-    scaled
-        Whether sizes may differ.
 
     Returns
     -------
@@ -137,14 +130,14 @@ def align_shapes(
     if both.sum() < 4 or not _is_wide(source[both]) or not _is_wide(target[both]):
         return None
     mirror = np.diag([-1.0, 1.0, 1.0])
-    plain = _fit_robustly(source[both], target[both], scaled)
-    other = _fit_robustly(source[both] @ mirror, target[both], scaled)
+    plain = _fit_robustly(source[both], target[both])
+    other = _fit_robustly(source[both] @ mirror, target[both])
     # A set that is nearly flat is its own mirror image, turned round.
     mirrored = other[2] < gain * plain[2]
-    matrix, scale, misfit, distances = other if mirrored else plain
+    matrix, scale, _, distances = other if mirrored else plain
     every = np.full(len(source), np.nan)
     every[both] = distances
-    return Fitted(matrix @ mirror if mirrored else matrix, scale, misfit, every, mirrored)
+    return Fitted(matrix @ mirror if mirrored else matrix, scale, every, mirrored)
 
 
 def _is_wide(points: FloatArray) -> bool:
@@ -153,7 +146,7 @@ def _is_wide(points: FloatArray) -> bool:
 
 
 def _fit_robustly(
-    source: FloatArray, target: FloatArray, scaled: bool
+    source: FloatArray, target: FloatArray
 ) -> tuple[FloatArray, float, float, FloatArray]:
     weights = np.ones(len(source))
     scale = 1.0
@@ -167,9 +160,8 @@ def _fit_robustly(
         sign = np.sign(np.linalg.det(left @ right))
         left[:, 2] *= sign
         rotation = left @ right
-        if scaled:
-            size = values[0] + values[1] + sign * values[2]
-            scale = float(size / (weights @ (one**2).sum(axis=1)))
+        size = values[0] + values[1] + sign * values[2]
+        scale = float(size / (weights @ (one**2).sum(axis=1)))
         distances = np.linalg.norm(other - scale * one @ rotation.T, axis=1)
         usual = max(1.5 * float(np.median(distances)), 1e-9)
         weights = 1.0 / (1.0 + (distances / usual) ** 2)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from itertools import combinations
+from types import SimpleNamespace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from corpus_tools.validation.thresholds import Section
 from mocap_fit.tracks import FloatArray, estimate_rigid_transforms
 from mocap_fit.tracks.interpolation import find_runs
 from mocap_fit.tracks.rigid import apply_inverse_transforms
@@ -23,7 +23,7 @@ _QUIET = 0.1
 
 
 def find_slips(
-    positions: FloatArray, rate: float, limits: Section
+    positions: FloatArray, rate: float, limits: SimpleNamespace
 ) -> list[tuple[int, slice, float]]:
     """Find markers of a rigid set that sit elsewhere for a while.
 
@@ -63,12 +63,9 @@ def find_slips(
         others = np.delete(np.arange(markers), k)
         pose = estimate_rigid_transforms(shape[others], positions[:, others])
         seen = apply_inverse_transforms(positions[:, [k]], pose[0], pose[1])[:, 0] - shape[k]
-        away, fits = (
-            _compute_medians(seen, starts, window),
-            _compute_medians(pose[2][:, None], starts, window),
-        )
-        off[k] = np.linalg.norm(away, axis=1)
-        rest[k] = np.where(np.isnan(fits[:, 0]), np.inf, fits[:, 0])
+        off[k] = np.linalg.norm(_compute_medians(seen, starts, window), axis=1)
+        fits = _compute_medians(pose[2][:, None], starts, window)[:, 0]
+        rest[k] = np.where(np.isnan(fits), np.inf, fits)
     slips = []
     culprits = np.argmin(np.where(np.isnan(off), np.inf, rest), axis=0)
     for k in range(markers):

@@ -7,22 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from corpus_tools.validation.findings import Finding, Severity, load_codes
 from mocap_fit.errors import ConfigurationError, from_os_error
 
 OFF = "off"
-
-
-class Section:
-    """The thresholds of a section, as attributes."""
-
-    def __init__(self, values: Mapping[str, Any]) -> None:
-        self.__dict__.update(values)
-
-    def __getattr__(self, name: str) -> Any:
-        raise AttributeError(f"there is no threshold '{name}'")
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,14 +28,14 @@ class Thresholds:
         Codes whose severity is another than their own; ``off`` leaves them out.
     """
 
-    markers: Section
-    shape: Section
-    time: Section
-    labels: Section
-    parameters: Section
-    sound: Section
-    corpus: Section
-    report: Section
+    markers: SimpleNamespace
+    shape: SimpleNamespace
+    time: SimpleNamespace
+    labels: SimpleNamespace
+    parameters: SimpleNamespace
+    sound: SimpleNamespace
+    corpus: SimpleNamespace
+    report: SimpleNamespace
     severity: Mapping[str, str]
 
     def grade(self, finding: Finding) -> Finding | None:
@@ -112,7 +103,7 @@ def load_thresholds(path: Path | None = None) -> Thresholds:
             _check(path, section, name, value, content[section])
             content[section][name] = value
     severity = content.pop("severity")
-    return Thresholds(**{k: Section(v) for k, v in content.items()}, severity=severity)
+    return Thresholds(**{k: SimpleNamespace(**v) for k, v in content.items()}, severity=severity)
 
 
 def _read_thresholds(path: Path) -> dict[str, Any]:
@@ -129,7 +120,7 @@ def _check(
 ) -> None:
     location = f"{section}.{name}"
     if section == "severity":
-        allowed = [severity.value for severity in Severity] + [OFF]
+        allowed = [*Severity, OFF]
         if name not in load_codes():
             raise ConfigurationError(
                 f"there is no code '{name}'",
@@ -153,15 +144,16 @@ def _check(
         expected = "a list of names"
     elif isinstance(default, int):
         is_integer = section == "report" or name.endswith(("frames", "run", "utterances", "text"))
-        fine = isinstance(value, int if is_integer else (int, float)) and not isinstance(
-            value, bool
-        )
-        fine = fine and (not is_integer or value >= 1)  # type: ignore[operator]
+        fine = _is_number(value) and (not is_integer or (isinstance(value, int) and value >= 1))
         expected = "a whole number from 1" if is_integer else "a number"
     else:
-        fine = isinstance(value, (int, float)) and not isinstance(value, bool) and value == value
+        fine = _is_number(value) and value == value
         expected = "a number"
     if not fine:
         raise ConfigurationError(
             f"{location} has a wrong value", path=path, found=repr(value), expected=expected
         )
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -140,8 +140,8 @@ def _validate_files(
         else:
             chosen.append(path)
             report.checked.append(str(path))
-    groups, describe_unknown = reading.group_files(chosen)
-    report.add([reading.describe_unknown(path) for path in describe_unknown])
+    groups, unknown = reading.group_files(chosen)
+    report.add([reading.describe_unknown(path) for path in unknown])
     summaries = []
     if groups:
         advance = count_steps(progress, "checking files", len(groups))

@@ -120,7 +120,7 @@ class TestShapes:
         matrix = matrix @ np.diag([-1.0, 1.0, 1.0]) if mirrored else matrix
         target = scale * source @ matrix.T + 500.0
         target[3] += 30.0 * scale
-        fit = shapes.align_shapes(source, target, 0.6, True)
+        fit = shapes.align_shapes(source, target, 0.6)
         assert fit.mirrored == mirrored
         assert fit.scale == pytest.approx(scale, rel=0.02)
         assert np.allclose(fit.matrix, matrix, atol=0.06)
@@ -128,7 +128,7 @@ class TestShapes:
 
     def test_points_on_a_line_tell_nothing(self):
         line = np.arange(12.0)[:, None] * [1.0, 2.0, 3.0]
-        assert shapes.align_shapes(line, line, 0.6, True) is None
+        assert shapes.align_shapes(line, line, 0.6) is None
 
     @pytest.mark.parametrize(
         ("matrix", "kind", "words"),
