@@ -48,12 +48,10 @@ def mark_groups(phones: PhoneSequence, phone_set: PhoneSet, times: FloatArray) -
     ndarray
         ``(groups, frames)``, true where a frame belongs to a group.
     """
-    kinds = [phone_set.get_phone(segment).kind for segment in phones]
-    members = np.zeros((len(GROUPS), len(phones) + 1), dtype=bool)
-    for i, kind in enumerate(kinds):
-        members[:, i] = (kind != "silence", kind == "vowel", kind == "consonant")
-    # Where nothing is labelled `at` returns -1, the last column.
-    return members[:, phones.at(times)]
+    # Where nothing is labelled `at` returns -1, the last of these.
+    kinds = np.array([*(phone_set.get_phone(segment).kind for segment in phones), "silence"])
+    kind = kinds[phones.at(times)]
+    return np.stack([kind != "silence", kind == "vowel", kind == "consonant"])
 
 
 def sum_utterance(

@@ -14,6 +14,7 @@ from mocap_fit.evaluation.measures import (
     draw_resamples,
     sum_utterance,
 )
+from mocap_fit.evaluation.tables import format_html, format_percent, format_text, format_value
 
 # Efron & Tibshirani (1993), table 2.1: survival of treated mice, days.
 MICE = np.array([94, 197, 16, 38, 99, 141, 23], dtype=float)
@@ -138,3 +139,20 @@ def test_scores_of_nothing_are_missing():
 def test_an_average_leaves_out_what_is_missing():
     assert average(np.array([[1.0, np.nan, 3.0], [np.nan] * 3])).tolist()[0] == 2.0
     assert np.isnan(average(np.full((2, 3), np.nan))).all()
+
+
+def test_one_frame_has_an_error_and_no_correlation():
+    one = np.ones((1, 1), dtype=bool)
+    sums = sum_utterance(np.array([[0.25]]), np.array([[0.5]]), one, np.zeros(1))
+    rmse, correlation = compute_scores(sums, np.array([0.5]))
+    assert rmse.tolist() == [[50.0]]
+    assert np.isnan(correlation).all()
+
+
+def test_cells_of_tables_are_rounded_and_escaped():
+    assert format_value([6.678, 6.549, 6.801], 2) == "6.68 [6.55, 6.80]"
+    assert format_percent(0.9751) == "97.5 %"
+    assert format_percent(None) == format_percent(float("nan")) == "–"
+    text = format_text(["model", "r"], [["a", "0.5"], ["longer", "1"]])
+    assert text.splitlines() == ["model     r", "a       0.5", "longer    1"]
+    assert "<td>&lt;b&gt;</td>" in format_html(["x"], [["<b>"]])
