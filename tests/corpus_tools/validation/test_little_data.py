@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from corpus_tools.validation import Context, Subject, check_subject, load_thresholds
+from corpus_tools.validation import (
+    Context,
+    Report,
+    Severity,
+    Subject,
+    check_subject,
+    load_thresholds,
+)
 from mocap_fit.face import load_face
 from mocap_fit.fitting import load_layout
 from mocap_fit.labels import Label, Tier
@@ -68,3 +75,14 @@ def test_labels_that_are_all_silence_have_nothing_to_say_of_loudness():
 def test_another_face_has_no_bounds():
     tracks = ParameterTracks(("smile",), 60.0, np.linspace(0, 9, 120)[:, None])
     assert found(parameters=tracks) == set()
+
+
+def test_a_residual_far_over_the_limit_is_an_error_that_a_report_can_count():
+    tracks = parameters(60).replace(residuals=np.full(60, 7.6))
+    findings, _ = check_subject(Subject("a", parameters=tracks, files={"parameters": "a"}), FULL)
+    report = Report(FULL.limits)
+    report.add(findings)
+    report.finish()
+    assert [f.severity for f in report.findings if f.code == "MF301"] == [Severity.ERROR]
+    assert report.counts["error"] == 1
+    assert report.to_record()["findings"][0]["severity"] == "error"
