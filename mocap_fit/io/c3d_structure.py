@@ -7,6 +7,7 @@ first (layout: the C3D user guide, https://www.c3d.org).
 
 from __future__ import annotations
 
+import math
 import struct
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -59,16 +60,25 @@ class _Structure:
     def order(self) -> str:
         return ">" if self.processor == _MIPS else "<"
 
+    def refuse(self, problem: str, value: object, expected: object = None) -> NoReturn:
+        """Raise the error of a file that is damaged."""
+        advice = "The file is damaged; export or copy it again."
+        raise FileFormatError(
+            problem, path=self.path, found=value, expected=expected, advice=advice
+        )
+
     def get_word(self, number: int) -> int:
         """Return a word of the header, counted from 1."""
         return int(struct.unpack_from(self.order + "H", self.header, 2 * (number - 1))[0])
 
+    def get_values(self, group: str, name: str) -> list[float]:
+        """Return the first values of a numeric parameter; none where it is absent."""
+        numbers = [number for number, title in self.groups.items() if title == group]
+        return next(filter(None, (self.values.get((number, name)) for number in numbers)), [])
+
     def get_value(self, group: str, name: str) -> float | None:
         """Return the first value of a numeric parameter."""
-        for number, title in self.groups.items():
-            if title == group and self.values.get((number, name)):
-                return self.values[number, name][0]
-        return None
+        return next(iter(self.get_values(group, name)), None)
 
     def get_count(self, group: str, name: str) -> int | None:
         """Return a count, which some files store as a signed number."""
@@ -81,15 +91,11 @@ class _Structure:
         """Return the number of frames by the first and the last of the trial."""
         ends = []
         for name in ("ACTUAL_START_FIELD", "ACTUAL_END_FIELD"):
-            matches = [
-                values
-                for (number, title), values in self.values.items()
-                if title == name and self.groups.get(number) == "TRIAL"
-            ]
-            if not matches or len(matches[0]) < 2:
+            words = self.get_values("TRIAL", name)
+            if len(words) < 2:
                 return None
             # A frame number is two words.
-            low, high = (int(word) & 0xFFFF for word in matches[0][:2])
+            low, high = (int(word) & 0xFFFF for word in words[:2])
             ends.append(low + 65536 * high)
         return ends[1] - ends[0] + 1
 
@@ -148,19 +154,18 @@ def check_structure(path: Path) -> Extent:
                 expected="02 50 as its first bytes",
                 advice="Check that it is the file you mean.",
             )
+        structure = _Structure(path, size, header)
         start = (header[0] - 1) * BLOCK
         if len(header) < BLOCK or size < start + 4:
-            _refuse(path, "the file is cut off in its header", f"{size} bytes")
+            structure.refuse("the file is cut off in its header", f"{size} bytes")
         file.seek(start)
-        prefix = file.read(4)
-        if prefix[3] not in (_INTEL, _DEC, _MIPS):
-            _refuse(path, "the parameters do not name a known processor", prefix[3])
-        structure = _Structure(path, size, header, processor=prefix[3])
+        structure.processor = file.read(4)[3]
+        if structure.processor not in (_INTEL, _DEC, _MIPS):
+            structure.refuse("the parameters do not name a known processor", structure.processor)
         data_start = (structure.get_word(9) - 1) * BLOCK
         if data_start < start + BLOCK or data_start > size:
-            _refuse(
-                path, "the data are not where the header says", f"block {structure.get_word(9)}"
-            )
+            block = f"block {structure.get_word(9)}"
+            structure.refuse("the data are not where the header says", block)
         # The parameters end where the data start, whatever number of blocks is noted.
         section = file.read(data_start - start - 4)
     _read_parameters(structure, section)
@@ -177,7 +182,7 @@ def _read_parameters(structure: _Structure, section: bytes) -> None:
         name = section[position + 2 : position + 2 + abs(length)].decode("latin-1").upper().strip()
         offset_at = position + 2 + abs(length)
         if group == 0 or offset_at + 2 > len(section):
-            _refuse(structure.path, "a parameter leads out of its section", f"byte {position}")
+            structure.refuse("a parameter leads out of its section", f"byte {position}")
         offset = int(struct.unpack_from(structure.order + "h", section, offset_at)[0])
         if group < 0:
             structure.groups[-group] = name
@@ -185,17 +190,17 @@ def _read_parameters(structure: _Structure, section: bytes) -> None:
         else:
             end = _read_parameter(structure, section, offset_at + 2, (group, name))
         if end >= len(section):
-            _refuse(structure.path, "a parameter leads out of its section", name)
+            structure.refuse("a parameter leads out of its section", name)
         end += 1 + section[end]
         if offset == 0:
             break
         if offset_at + offset != end or end > len(section):
-            _refuse(structure.path, "the chain of parameters is broken", f"at {name}")
+            structure.refuse("the chain of parameters is broken", f"at {name}")
         position = end
     else:
-        _refuse(structure.path, "the chain of parameters has no end", f"{len(section)} bytes")
+        structure.refuse("the chain of parameters has no end", f"{len(section)} bytes")
     if not all((group in structure.groups) for group, _ in structure.values):
-        _refuse(structure.path, "a parameter belongs to no group", "an unknown group")
+        structure.refuse("a parameter belongs to no group", "an unknown group")
 
 
 def _read_parameter(
@@ -203,18 +208,15 @@ def _read_parameter(
 ) -> int:
     """Store the values of a parameter, and return the position after them."""
     if position + 2 > len(section):
-        _refuse(structure.path, "a parameter leads out of its section", key[1])
+        structure.refuse("a parameter leads out of its section", key[1])
     kind, dimensions = struct.unpack_from("bB", section, position)
     data = position + 2 + dimensions
     # ezc3d does not survive a text without dimensions.
     if kind not in (-1, 1, 2, 4) or dimensions > 7 or (kind == -1 and dimensions == 0):
-        _refuse(structure.path, "a parameter has an impossible type", key[1])
-    count = 1
-    for size in section[position + 2 : data]:
-        count *= size
-    end = data + abs(kind) * count
+        structure.refuse("a parameter has an impossible type", key[1])
+    end = data + abs(kind) * math.prod(section[position + 2 : data])
     if end > len(section):
-        _refuse(structure.path, "a parameter is larger than its section", key[1])
+        structure.refuse("a parameter is larger than its section", key[1])
     values: list[float] = []
     if kind > 0:
         order = "" if kind == 1 else structure.order
@@ -231,60 +233,37 @@ def _check_counts(structure: _Structure, data_start: int) -> Extent:
     points, analog = structure.get_word(2), structure.get_word(3)
     first, last, per_frame = structure.get_word(4), structure.get_word(5), structure.get_word(10)
     if points == 0:
-        _refuse(structure.path, "the file holds no points", "0 in its header")
+        structure.refuse("the file holds no points", "0 in its header")
     used = structure.get_count("POINT", "USED")
     if used is not None and used != points:
-        _refuse(
-            structure.path, "header and parameters contradict each other", used, f"{points} points"
-        )
+        structure.refuse("header and parameters contradict each other", used, f"{points} points")
     rate = structure.get_value("POINT", "RATE")
     if rate is not None and not (np.isfinite(rate) and rate > 0):
-        _refuse(
-            structure.path, "the frame rate is out of range", f"{rate:g} Hz", "a number above 0"
-        )
+        structure.refuse("the frame rate is out of range", f"{rate:g} Hz", "a number above 0")
     channels = structure.get_count("ANALOG", "USED") or 0
     if analog != channels * per_frame:
-        _refuse(
-            structure.path,
-            "header and parameters contradict each other",
+        numbers, expected = (
             f"{analog} analog numbers a frame",
             f"{per_frame} of {channels} channels",
         )
+        structure.refuse("header and parameters contradict each other", numbers, expected)
     ratio = structure.get_count("ROTATION", "RATIO") or 0
     if max(per_frame, ratio) > _MOST_SAMPLES:
         samples = f"{max(per_frame, ratio)} samples a frame"
-        _refuse(structure.path, "the header is damaged", samples, f"at most {_MOST_SAMPLES}")
+        structure.refuse("the header is damaged", samples, f"at most {_MOST_SAMPLES}")
     frames = last - first + 1
     if last == LONG:
-        counts = (
-            structure.get_count("POINT", "LONG_FRAMES"),
-            structure.get_count("POINT", "FRAMES"),
-            structure.count_trial_frames(),
-        )
+        counts = [structure.get_count("POINT", name) for name in ("LONG_FRAMES", "FRAMES")]
+        counts.append(structure.count_trial_frames())
         frames = max((count for count in counts if count is not None), default=frames)
     if frames < 1:
-        _refuse(structure.path, "the recording has no frames", f"first {first}, last {last}")
+        structure.refuse("the recording has no frames", f"first {first}, last {last}")
     # The byte with the sign of the scale: negative for data stored as floats.
     sign = structure.header[{_INTEL: 15, _DEC: 13, _MIPS: 12}[structure.processor]]
     floats = bool(sign & 0x80)
     frame_size = (4 * points + analog) * (4 if floats else 2)
     needed = data_start + frames * frame_size
     if structure.size < needed:
-        _refuse(
-            structure.path,
-            "the file is cut off in its data",
-            f"{structure.size} bytes",
-            f"{needed}",
-        )
+        structure.refuse("the file is cut off in its data", f"{structure.size} bytes", needed)
     plain = floats and structure.processor == _INTEL
     return Extent(data_start, frames, points, frame_size, plain)
-
-
-def _refuse(path: Path, problem: str, value: object, expected: object = None) -> NoReturn:
-    raise FileFormatError(
-        problem,
-        path=path,
-        found=value,
-        expected=expected,
-        advice="The file is damaged; export or copy it again.",
-    )

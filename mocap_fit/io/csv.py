@@ -102,7 +102,6 @@ def read(
         )
     used_rate, start_time = determine_timing(
         table,
-        path=text.path,
         frame=0 if titles.frame else None,
         time=None if titles.time_unit is None else titles.lead - 1,
         time_unit=titles.time_unit or 1.0,

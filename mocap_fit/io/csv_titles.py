@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Literal
 
 from mocap_fit.errors import FileFormatError
@@ -21,6 +22,8 @@ _TIME_TITLES = {
     **dict.fromkeys(("time_ms", "milliseconds", "ms", "timestamp_ms"), 0.001),
 }
 _UNIT = re.compile(r"(.*?)\s*[\[(]\s*(\w+)\s*[\])]", re.DOTALL)
+# Name of the marker, axis, and unit of a column.
+Column = tuple[str, str, str | None]
 _AXIS = re.compile(r"(.*?)(?:[ _.:\-]+([xyzXYZ])|(?<=[a-z0-9])([XYZ]))", re.DOTALL)
 
 
@@ -108,9 +111,7 @@ def _split_cells(line: str, separator: Separator) -> list[str]:
 
 def _parse_one_row(separator: Separator, cells: list[str]) -> Titles:
     frame, time_unit, lead = _parse_lead(cells)
-    names: list[str] = []
-    axes: list[str] = []
-    units: set[str] = set()
+    columns: list[Column] = []
     for title in cells[lead:]:
         plain, unit = _split_unit(title)
         match = _AXIS.fullmatch(plain)
@@ -118,70 +119,48 @@ def _parse_one_row(separator: Separator, cells: list[str]) -> Titles:
             raise FileFormatError(
                 "a column is not the coordinate of a marker", found=f"'{title}'", expected=EXAMPLE
             )
-        names.append(match[1].strip())
-        axes.append((match[2] or match[3]).lower())
-        units |= {unit} if unit else set()
-    return _assemble(separator, frame, time_unit, names, axes, units, 1)
+        columns.append((match[1].strip(), (match[2] or match[3]).lower(), unit))
+    return Titles(separator, frame, time_unit, *_join_columns(columns), 1)
 
 
 def _parse_two_rows(separator: Separator, first: list[str], second: list[str]) -> Titles:
-    width = max(len(first), len(second))
-    first = first + [""] * (width - len(first))
-    second = second + [""] * (width - len(second))
-    lead_cells = [below or above for above, below in zip(first, second, strict=True)]
-    frame, time_unit, lead = _parse_lead(lead_cells)
+    rows = list(zip_longest(first, second, fillvalue=""))
+    frame, time_unit, lead = _parse_lead([below or above for above, below in rows])
     if lead == 0:
-        lead_cells = [above or below for above, below in zip(first, second, strict=True)]
-        frame, time_unit, lead = _parse_lead(lead_cells)
-    names: list[str] = []
-    axes: list[str] = []
-    units: set[str] = set()
-    for above, below in zip(first[lead:], second[lead:], strict=True):
+        frame, time_unit, lead = _parse_lead([above or below for above, below in rows])
+    columns: list[Column] = []
+    for above, below in rows[lead:]:
         plain, unit = _split_unit(below)
-        units |= {unit} if unit else set()
         if plain.lower() not in ("x", "y", "z"):
-            raise FileFormatError(
-                "a column is not the coordinate of a marker",
-                found=f"'{below}'",
-                expected="x, y or z",
-            )
-        if not above and not names:
+            problem = "a column is not the coordinate of a marker"
+            raise FileFormatError(problem, found=f"'{below}'", expected="x, y or z")
+        if not above and not columns:
             raise FileFormatError(
                 "the first marker has no name", found="a blank cell", expected="a name"
             )
-        names.append(above or names[-1])
-        axes.append(plain.lower())
-    return _assemble(separator, frame, time_unit, names, axes, units, 2)
+        columns.append((above or columns[-1][0], plain.lower(), unit))
+    return Titles(separator, frame, time_unit, *_join_columns(columns), 2)
 
 
-def _assemble(
-    separator: Separator,
-    frame: bool,
-    time_unit: float | None,
-    names: list[str],
-    axes: list[str],
-    units: set[str],
-    rows: int,
-) -> Titles:
-    if not names:
+def _join_columns(columns: list[Column]) -> tuple[tuple[str, ...], str | None]:
+    """Return the names of the markers and the unit of their columns."""
+    if not columns:
         raise FileFormatError(
             "the table has no marker", found="no column of coordinates", expected=EXAMPLE
         )
-    for start in range(0, len(names), 3):
-        triple, owners = axes[start : start + 3], names[start : start + 3]
-        if triple != ["x", "y", "z"] or len(set(owners)) != 1:
-            listed = ", ".join(f"{name} {axis}" for name, axis in zip(owners, triple, strict=True))
-            first = owners[0]
-            raise FileFormatError(
-                "the columns do not come in threes",
-                found=listed,
-                expected=f"{first} x, {first} y, {first} z",
-            )
+    for start in range(0, len(columns), 3):
+        owners, axes, _ = zip(*columns[start : start + 3], strict=True)
+        if axes != ("x", "y", "z") or len(set(owners)) != 1:
+            listed = ", ".join(f"{name} {axis}" for name, axis in zip(owners, axes, strict=True))
+            expected = ", ".join(f"{owners[0]} {axis}" for axis in "xyz")
+            problem = "the columns do not come in threes"
+            raise FileFormatError(problem, found=listed, expected=expected)
+    units = {unit for *_, unit in columns if unit}
     if len(units) > 1:
         raise FileFormatError(
             "the columns have several units", found=", ".join(sorted(units)), expected="one unit"
         )
-    return Titles(separator, frame, time_unit, tuple(names[::3]), next(iter(units), None), rows)
+    return tuple(name for name, *_ in columns[::3]), next(iter(units), None)
 
 
 def _parse_lead(cells: list[str]) -> tuple[bool, float | None, int]:

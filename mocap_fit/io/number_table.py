@@ -96,12 +96,15 @@ class NumberTable:
         The last line, where it is incomplete and was left out.
     sample
         Cells of the first rows, as they were written.
+    path
+        File for messages.
     """
 
     values: FloatArray
     lines: NDArray[np.intp]
     lost_line: int | None
     sample: tuple[tuple[str, ...], ...]
+    path: Path
 
     def count_decimals(self, column: int) -> int:
         """Return the number of digits after the point that a column was written with.
@@ -228,7 +231,7 @@ def read_numbers(
     _warn_of_loss(lost, len(values), expected_rows, path)
     rows = lines.block.split(b"\n", _SAMPLE)[:_SAMPLE]
     sample = tuple(tuple(decode_line(row).split(separator)) for row in rows if row)
-    return NumberTable(values, lines.numbers, lost, sample)
+    return NumberTable(values, lines.numbers, lost, sample, path)
 
 
 def _split_lines(block: bytes, separator: str, first_line: int, width: int) -> _Lines:

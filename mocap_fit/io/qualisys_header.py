@@ -16,30 +16,17 @@ from mocap_fit.tracks import Event
 
 KNOWN_KEYWORDS = frozenset(
     (
-        "FILE_VERSION",
-        "NO_OF_FRAMES",
-        "NO_OF_CAMERAS",
-        "NO_OF_MARKERS",
-        "NO_OF_BODIES",
-        "FREQUENCY",
-        "NO_OF_ANALOG",
-        "ANALOG_FREQUENCY",
-        "DESCRIPTION",
-        "TIME_STAMP",
-        "DATA_INCLUDED",
-        "EVENT",
-        "MARKER_NAMES",
-        "BODY_NAMES",
-        "TRAJECTORY_TYPES",
-        "NO_OF_DATA_TYPES",
-        "DATA_TYPES",
+        *("FILE_VERSION", "DESCRIPTION", "TIME_STAMP", "DATA_INCLUDED", "EVENT"),
+        *("NO_OF_FRAMES", "NO_OF_CAMERAS", "NO_OF_MARKERS", "NO_OF_BODIES", "NO_OF_ANALOG"),
+        *("FREQUENCY", "ANALOG_FREQUENCY", "MARKER_NAMES", "BODY_NAMES", "TRAJECTORY_TYPES"),
+        *("NO_OF_DATA_TYPES", "DATA_TYPES"),
     )
 )
 
 _KEYWORD = re.compile(r"[A-Z][A-Z0-9]*(_[A-Z0-9]+)*")
 
 
-@dataclass(frozen=True)
+@dataclass
 class Header:
     """The header of an export, and its first row of numbers.
 
@@ -66,7 +53,7 @@ class Header:
     path: Path
     values: dict[str, tuple[str, ...]] = field(default_factory=dict)
     lines: dict[str, int] = field(default_factory=dict)
-    events: tuple[tuple[int, tuple[str, ...]], ...] = ()
+    events: list[tuple[int, tuple[str, ...]]] = field(default_factory=list)
     titles: tuple[str, ...] | None = None
     titles_line: int | None = None
     first_row_line: int = 1
@@ -197,46 +184,32 @@ def read_header(text: TextFile) -> Header:
     MocapFitWarning
         If the version of the format is not known.
     """
-    values: dict[str, tuple[str, ...]] = {}
-    lines: dict[str, int] = {}
-    events: list[tuple[int, tuple[str, ...]]] = []
-    titles: tuple[str, ...] | None = None
-    titles_line: int | None = None
-    first_row: tuple[str, ...] = ()
+    header = Header(text.path)
     while (line := text.read_line()) is not None:
         cells = line.split("\t")
         if not line.strip(" "):
             continue
-        if titles is None and _is_keyword(cells[0]):
+        if header.titles is None and _is_keyword(cells[0]):
             keyword = cells[0].strip()
             if keyword == "EVENT":
-                events.append((text.number, _trim(cells[1:])))
+                header.events.append((text.number, _trim(cells[1:])))
                 continue
-            if keyword in values:
+            if keyword in header.values:
                 raise FileFormatError(
                     f"{keyword} comes twice",
                     path=text.path,
                     line=text.number,
-                    found=f"also in line {lines[keyword]}",
+                    found=f"also in line {header.lines[keyword]}",
                     advice="Export the recording again.",
                 )
-            values[keyword], lines[keyword] = _trim(cells[1:]), text.number
-        elif titles is None and is_title_row(cells):
-            titles, titles_line = _trim(cells), text.number
+            header.values[keyword], header.lines[keyword] = _trim(cells[1:]), text.number
+        elif header.titles is None and is_title_row(cells):
+            header.titles, header.titles_line = _trim(cells), text.number
         else:
-            first_row = tuple(cells)
+            header.first_row = tuple(cells)
             text.push_back()
             break
-    header = Header(
-        text.path,
-        values,
-        lines,
-        tuple(events),
-        titles,
-        titles_line,
-        text.number + 1,
-        first_row,
-    )
+    header.first_row_line = text.number + 1
     _check_version(header)
     return header
 

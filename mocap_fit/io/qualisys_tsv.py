@@ -126,7 +126,6 @@ def read(
         )
     used_rate, start_time = determine_timing(
         table,
-        path=text.path,
         frame=columns.find("frame"),
         time=columns.find("time"),
         rate=rate,

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mocap_fit.errors import FileFormatError, FrameTimesError, MissingRateError, RateMismatchError
 from mocap_fit.io.number_table import NumberTable
@@ -52,7 +52,6 @@ def check_rate(rate: float, *, path: Path, line: int | None = None) -> float:
 def determine_timing(
     table: NumberTable,
     *,
-    path: Path,
     frame: int | None,
     time: int | None,
     time_unit: float = 1.0,
@@ -68,8 +67,6 @@ def determine_timing(
     ----------
     table
         Numbers of the file.
-    path
-        File for messages.
     frame
         Index of the column of frame numbers, which must be consecutive; None without one.
     time
@@ -99,14 +96,14 @@ def determine_timing(
         contradict the header.
     """
     if frame is not None:
-        check_consecutive(table.values[:, frame], path=path, lines=table.lines)
-    rate = None if rate is None else check_rate(rate, path=path)
+        _check_consecutive(table, table.values[:, frame])
+    rate = None if rate is None else check_rate(rate, path=table.path)
     known = file_rate if rate is None else rate
     if time is None:
         if known is None:
             raise MissingRateError(
                 "the file does not say its frame rate",
-                path=path,
+                path=table.path,
                 line=line,
                 advice="Add times, or give the rate (rate=..., in hertz).",
             )
@@ -114,66 +111,49 @@ def determine_timing(
     times = table.values[:, time] * time_unit
     decimals = table.count_decimals(time) - round(np.log10(time_unit))
     if known is None:
-        known = estimate_rate(times, decimals=decimals, path=path, lines=table.lines)
+        known = _estimate_rate(table, times, decimals)
     elif rate is None:
-        _check_rate_against_times(known, times, decimals=decimals, path=path, lines=table.lines)
+        _check_rate_against_times(table, known, times, decimals)
     start = float(times[0])
     if np.isnan(start):
-        raise FrameTimesError("the first frame has no time", path=path, line=int(table.lines[0]))
+        raise _create_error(table, 0, "the first frame has no time")
     return known, start
 
 
-def estimate_rate(
-    times: FloatArray, *, decimals: int, path: Path, lines: NDArray[np.intp]
-) -> float:
+def _create_error(table: NumberTable, row: int, problem: str, **details: Any) -> FrameTimesError:
+    return FrameTimesError(problem, path=table.path, line=int(table.lines[row]), **details)
+
+
+def _estimate_rate(table: NumberTable, times: FloatArray, decimals: int) -> float:
     """Estimate the rate of evenly spaced times that were rounded when they were written.
 
     An integer rate, one with a single decimal, or one of the television rates is chosen where it
     explains all times; otherwise the mean rate.
-
-    Parameters
-    ----------
-    times
-        Times of the frames, ``(frames,)``, seconds.
-    decimals
-        Digits after the point that the times were written with.
-    path
-        File for messages.
-    lines
-        Lines of the frames for messages, ``(frames,)``.
-
-    Returns
-    -------
-    float
-        Frame rate, hertz.
-
-    Raises
-    ------
-    FileFormatError
-        If there is one frame only, a time is missing or does not increase, or the times are
-        uneven.
     """
-    _check_increasing(times, "time", path=path, lines=lines)
+    _check_increasing(table, times, "time")
     if len(times) < 2:
+        line = int(table.lines[0])
         raise FileFormatError(
-            "one frame does not tell the rate", path=path, line=int(lines[0]), advice=_GIVE_RATE
+            "one frame does not tell the rate", path=table.path, line=line, advice=_GIVE_RATE
         )
     mean = (len(times) - 1) / (times[-1] - times[0])
     resolution = 10.0**-decimals
+    frames = np.arange(len(times))
     for candidate in (round(mean), round(mean, 1), *_KNOWN_RATES):
-        if candidate > 0 and _compute_jitter(times, candidate) <= resolution * 1.01 + 1e-9:
+        # The differences of rounded times from those of the exact rate lie in a narrow band.
+        if candidate > 0 and np.ptp(times - frames / candidate) <= resolution * 1.01 + 1e-9:
             return float(candidate)
     allowed = max(0.25 / mean, resolution * 1.01)
-    even = times[0] + np.arange(len(times)) / mean
+    even = times[0] + frames / mean
     if (np.abs(times - even) > allowed).any():
         steps = np.diff(times)
         usual = float(np.median(steps))
         # Rounded, so that the first of two equal ones is reported.
         row = int(np.argmax(np.round(np.abs(steps - usual), 9)))
-        raise FrameTimesError(
+        raise _create_error(
+            table,
+            row + 1,
             "the times are not evenly spaced",
-            path=path,
-            line=int(lines[row + 1]),
             found=f"{steps[row]:.6g} s after the frame before",
             expected=f"{usual:.6g} s",
             advice="Resample the recording, or give its rate (rate=..., in hertz).",
@@ -181,42 +161,27 @@ def estimate_rate(
     return float(mean)
 
 
-def check_consecutive(frame_numbers: FloatArray, *, path: Path, lines: NDArray[np.intp]) -> None:
-    """Refuse frame numbers with a gap, because the times of the frames would be wrong.
-
-    Parameters
-    ----------
-    frame_numbers
-        Numbers of the frames, ``(frames,)``, no unit.
-    path
-        File for messages.
-    lines
-        Lines of the frames for messages, ``(frames,)``.
-
-    Raises
-    ------
-    FileFormatError
-        If a number is missing or is not one more than the number before.
-    """
-    _check_increasing(frame_numbers, "frame number", path=path, lines=lines)
-    wrong = np.diff(frame_numbers) != 1
+def _check_consecutive(table: NumberTable, numbers: FloatArray) -> None:
+    """Refuse frame numbers with a gap, because the times of the frames would be wrong."""
+    _check_increasing(table, numbers, "frame number")
+    wrong = np.diff(numbers) != 1
     if wrong.any():
         row = int(np.argmax(wrong)) + 1
-        raise FrameTimesError(
+        raise _create_error(
+            table,
+            row,
             "frames are left out",
-            path=path,
-            line=int(lines[row]),
-            found=f"frame {frame_numbers[row]:g} after frame {frame_numbers[row - 1]:g}",
+            found=f"frame {numbers[row]:g} after frame {numbers[row - 1]:g}",
             expected="consecutive frames",
             advice="Export the recording again, with frames that hold only gaps.",
         )
 
 
 def _check_rate_against_times(
-    rate: float, times: FloatArray, *, decimals: int, path: Path, lines: NDArray[np.intp]
+    table: NumberTable, rate: float, times: FloatArray, decimals: int
 ) -> None:
     """Refuse times that contradict the rate of the header by more than 1 per cent."""
-    _check_increasing(times, "time", path=path, lines=lines)
+    _check_increasing(table, times, "time")
     if len(times) < 2:
         return
     duration = float(times[-1] - times[0])
@@ -224,35 +189,21 @@ def _check_rate_against_times(
     if abs(duration - expected) > 0.01 * expected + 2.0 * 10.0**-decimals:
         raise RateMismatchError(
             "the header's rate and the times of the frames contradict each other",
-            path=path,
-            line=int(lines[-1]),
+            path=table.path,
+            line=int(table.lines[-1]),
             found=f"{rate:g} Hz and {(len(times) - 1) / duration:.6g} Hz",
             advice="Find out which is right, and give it (rate=..., in hertz).",
         )
 
 
-def _check_increasing(
-    values: FloatArray, noun: str, *, path: Path, lines: NDArray[np.intp]
-) -> None:
+def _check_increasing(table: NumberTable, values: FloatArray, noun: str) -> None:
     """Refuse a column of times or frame numbers that has a gap or does not increase."""
     if np.isnan(values).any():
         row = int(np.argmax(np.isnan(values)))
-        raise FrameTimesError(
-            f"the frame has no {noun}", path=path, line=int(lines[row]), expected="a number"
-        )
+        raise _create_error(table, row, f"the frame has no {noun}", expected="a number")
     wrong = np.diff(values) <= 0
     if wrong.any():
         row = int(np.argmax(wrong)) + 1
-        raise FrameTimesError(
-            f"the {noun} does not grow",
-            path=path,
-            line=int(lines[row]),
-            found=f"{values[row]:g} after {values[row - 1]:g}",
-            advice="Rows are missing, doubled or out of order; export the recording again.",
-        )
-
-
-def _compute_jitter(times: FloatArray, rate: float) -> float:
-    """Return the width of the band of differences between times and an exact rate, seconds."""
-    differences = times - np.arange(len(times)) / rate
-    return float(np.ptp(differences))
+        after = f"{values[row]:g} after {values[row - 1]:g}"
+        advice = "Rows are missing, doubled or out of order; export the recording again."
+        raise _create_error(table, row, f"the {noun} does not grow", found=after, advice=advice)

@@ -106,7 +106,6 @@ def read(
     scale = finalise.get_millimetres(values["units"], path=text.path, line=3)
     used_rate, start_time = determine_timing(
         table,
-        path=text.path,
         frame=0,
         time=1,
         rate=rate,

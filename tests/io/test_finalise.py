@@ -87,11 +87,11 @@ def test_the_step_says_what_the_caller_said() -> None:
 def times(values: Sequence[float], decimals: int = 3) -> NumberTable:
     rows = tuple((f"{value:.{decimals}f}",) for value in values)
     array = np.array([[float(cell) for cell in row] for row in rows])
-    return NumberTable(array, np.arange(len(rows)) + 2, None, rows)
+    return NumberTable(array, np.arange(len(rows)) + 2, None, rows, FILE)
 
 
 def timing(table: NumberTable, **options: object) -> tuple[float, float]:
-    return determine_timing(table, path=FILE, frame=None, time=0, **options)  # type: ignore[arg-type]
+    return determine_timing(table, frame=None, time=0, **options)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("rate", "ok"), [(101, True), (99, True), (101.3, False), (98.7, False)])
@@ -139,7 +139,7 @@ def test_one_frame_tells_no_rate() -> None:
         timing(times([0.0]))
     assert timing(times([1.5]), file_rate=60) == (60, 1.5)
     with pytest.raises(MissingRateError, match="line 7"):
-        determine_timing(times([0.0]), path=FILE, frame=None, time=None, line=7)
+        determine_timing(times([0.0]), frame=None, time=None, line=7)
 
 
 def test_tracks_are_written_by_their_extension(tmp_path: Path) -> None:
