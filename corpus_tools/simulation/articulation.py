@@ -23,7 +23,7 @@ from corpus_tools.simulation.dynamics import (
     MotionTargets,
     simulate_motion,
 )
-from corpus_tools.simulation.session import draw_gesture
+from corpus_tools.simulation.session import draw_gestures
 from corpus_tools.simulation.traits import (
     Rule,
     get_plain_sound,
@@ -232,23 +232,20 @@ class Articulator:
                 index = names.index(name)
                 early = self._find_onset(phones, active, name)
                 part, activation = _compute_activation(clock, active, early, moves)
-                strength = gesture.strength * (
-                    table.resistance.factor if name in active.strong else 1.0
-                )
+                factor = table.resistance.factor if name in active.strong else 1.0
                 goal = _evaluate_target(target, active.traits)
                 if not active.traits["silence"]:
                     neutral = self._neutral[index]
                     extent = active.extent * effort * emphasis[active.phone] * noise.extent
                     goal = neutral + (goal - neutral) * extent
                     goal += noise.get_offset(name)
-                pull = strength * activation
+                pull = gesture.strength * factor * activation
                 weights[part, index] += pull
                 sums[part, index] += pull * goal
                 stiff[part, index] += pull * stiffness
             if gesture.lips is not None:
-                part, activation = _compute_activation(
-                    clock, active, active.start, moves, _LIPS_RAMP
-                )
+                start = active.start
+                part, activation = _compute_activation(clock, active, start, moves, _LIPS_RAMP)
                 pull = gesture.strength * activation
                 share = gesture.lips.share
                 # Lips that are to close do, whatever the noise.
@@ -258,17 +255,10 @@ class Articulator:
                 free[part] *= 1.0 - activation[:, None] * [float(share > 0), 1.0]
                 lips[part] += pull[:, None] * [1.0, distance, share, stiffness]
         coarse = np.arange(clock[0], clock[-1] + 1.0 / _SLOW_RATE, 1.0 / _SLOW_RATE)
-        slow = np.stack(
-            [
-                np.interp(
-                    clock,
-                    coarse,
-                    draw_gesture(rng, len(coarse), _SLOW_RATE, _SLOW, -extent, extent),
-                )
-                for extent in (varies.jaw_shift if n == _SHIFT else varies.slow for n in names)
-            ],
-            axis=1,
-        )
+        extents = [varies.jaw_shift if name == _SHIFT else varies.slow for name in names]
+        ranges = [(-extent, extent) for extent in extents]
+        slow = draw_gestures(rng, len(coarse), _SLOW_RATE, _SLOW, ranges)
+        slow = np.stack([np.interp(clock, coarse, column) for column in slow.T], axis=1)
         stiff /= weights
         distance, share, stiffer = (lips[:, 1:] / np.maximum(lips[:, :1], 1e-12)).T
         for i, name in enumerate((UPPER, LOWER)):
@@ -341,11 +331,8 @@ class Articulator:
             if segment.end <= earliest:
                 break
             traits = self._get_traits(segment)
-            has_target = any(
-                parameter in gesture.targets and gesture.is_met_by(traits)
-                for gesture in self.table.gestures
-            )
-            if has_target:
+            rivals = (g for g in self.table.gestures if parameter in g.targets)
+            if any(gesture.is_met_by(traits) for gesture in rivals):
                 earliest = segment.end
                 break
         return min(active.start, earliest)

@@ -210,11 +210,8 @@ def _compute_shares(
         after = traits[speech[index + 1]] if 0 <= index < len(speech) - 1 else None
         if current["vowel"]:
             share *= long_word
-            share *= {
-                0: rules.unstressed_vowel,
-                1: rules.stressed_vowel,
-                2: rules.secondary_vowel,
-            }.get(phone.stress or 0, 1.0)
+            levels = (rules.unstressed_vowel, rules.stressed_vowel, rules.secondary_vowel)
+            share *= levels[phone.stress or 0]
             obstruent = after is not None and max(after["stop"], after["fricative"]) == 1
             if after is not None and obstruent and not after["voiced"]:
                 share *= rules.before_voiceless

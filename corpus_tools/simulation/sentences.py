@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from pydantic import Field
@@ -43,7 +43,31 @@ class Sentence:
 
 
 class LanguageFile(StrictModel):
-    """The settings of a language, a file of ``sentences/``."""
+    """The settings of a language, a file of ``sentences/``.
+
+    Parameters
+    ----------
+    language
+        Tag, such as ``sv``.
+    phone_set
+        Name of the phone set of the words' phones.
+    length
+        Least and largest number of words.
+    stress
+        ``first`` where the first vowel of a word has the stress if none is marked.
+    releases
+        Whether the release of a stop is a separate phone.
+    before_vowels
+        Forms of words before a vowel with their phones, by their spelling.
+    voicing
+        Voiced partners of voiceless obstruents that assimilate between words.
+    voicing_neither
+        Voiced phones that do not voice the obstruent before them.
+    rules
+        Alternatives of each rule, by its name.
+    words
+        Words of each class with their phones, a line each, by the name of the class.
+    """
 
     language: str
     phone_set: str
@@ -63,8 +87,8 @@ class Language:
 
     Parameters
     ----------
-    language
-        Tag, such as ``sv``.
+    settings
+        The settings, as the file of the language has them.
     phone_set
         The set of the words' phones.
     rules
@@ -73,28 +97,16 @@ class Language:
         Words of each class, by its name.
     lexicon
         Words with their phones, by their spelling; several for an expression of several words.
-    length
-        Least and largest number of words.
-    releases
-        Whether the release of a stop is a separate phone.
     before_vowels
         Forms of words before a vowel, by their spelling.
-    voicing
-        Voiced partners of voiceless obstruents that assimilate between words.
-    voicing_neither
-        Voiced phones that do not voice the obstruent before them.
     """
 
-    language: str
+    settings: LanguageFile
     phone_set: PhoneSet
     rules: Mapping[str, tuple[tuple[str, ...], ...]]
     classes: Mapping[str, tuple[str, ...]]
     lexicon: Mapping[str, tuple[SpokenWord, ...]]
-    length: tuple[int, int]
-    releases: bool = False
-    before_vowels: Mapping[str, SpokenWord] = field(default_factory=dict)
-    voicing: Mapping[str, str] = field(default_factory=dict)
-    voicing_neither: frozenset[str] = frozenset()
+    before_vowels: Mapping[str, SpokenWord]
 
     def draw_sentences(self, count: int, rng: np.random.Generator) -> tuple[Sentence, ...]:
         """Draw different sentences.
@@ -124,18 +136,12 @@ class Language:
         while len(sentences) < count:
             for _ in range(_TRIES):
                 tokens = self._draw_tokens(START, rng, used)
-                entry = [
-                    part
-                    for token in tokens
-                    if token != "?"
-                    for part in self.lexicon.get(token, (PAUSE,))
-                ]
-                words = [word.text for word in entry if word.phones]
-                content = [
-                    word.text for word in entry if any(phone.stress for phone in word.phones)
-                ]
+                parts = [self.lexicon.get(token, (PAUSE,)) for token in tokens if token != "?"]
+                entry = [word for part in parts for word in part]
+                words = [word for word in entry if word.phones]
+                content = [word.text for word in words if any(p.stress for p in word.phones)]
                 sentence = self.say(entry, "?" if tokens[-1] == "?" else ".")
-                least, most = self.length
+                least, most = self.settings.length
                 if (
                     least <= len(words) <= most
                     and len(set(content)) == len(content)
@@ -144,7 +150,7 @@ class Language:
                     break
             else:
                 raise DataError(
-                    f"the sentences of '{self.language}' do not suffice",
+                    f"the sentences of '{self.settings.language}' do not suffice",
                     found=f"{len(sentences)} different ones",
                     expected=count,
                     advice="Ask for fewer utterances.",
@@ -177,7 +183,7 @@ class Language:
         missing = [t for t in tokens if t != "," and t.lower() not in every]
         if missing:
             raise DataError(
-                f"not in the lexicon of '{self.language}': {', '.join(missing)}",
+                f"not in the lexicon of '{self.settings.language}': {', '.join(missing)}",
                 advice="Use words of the lexicon.",
             )
         return self.say([PAUSE if token == "," else every[token.lower()] for token in tokens])
@@ -204,7 +210,7 @@ class Language:
             SpokenWord(word.text, self._assimilate(word.phones, after.phones))
             for word, after in zip(words, following, strict=True)
         ]
-        if self.releases:
+        if self.settings.releases:
             words = self._insert_releases(words)
         return Sentence(f"{text[:1].upper()}{text[1:]}{mark}", tuple(words))
 
@@ -233,17 +239,18 @@ class Language:
         self, phones: tuple[SpokenPhone, ...], after: tuple[SpokenPhone, ...]
     ) -> tuple[SpokenPhone, ...]:
         """Voice or devoice the last obstruents of a word by the first phone of the next."""
-        if not self.voicing or not after:
+        voicing = self.settings.voicing
+        if not voicing or not after:
             return phones
         first = after[0].phone
-        voiced = {partner: voiceless for voiceless, partner in self.voicing.items()}
+        voiced = {partner: voiceless for voiceless, partner in voicing.items()}
         values = self.phone_set.get_phone(first).values
-        if first in self.voicing_neither or max(values["stop"], values["fricative"]) < 1:
+        if first in self.settings.voicing_neither or max(values["stop"], values["fricative"]) < 1:
             return phones
-        change = dict(self.voicing) if values["voiced"] else voiced
+        change = voicing if values["voiced"] else voiced
         new = list(phones)
         for i in range(len(new) - 1, -1, -1):
-            if new[i].phone not in self.voicing and new[i].phone not in voiced:
+            if new[i].phone not in voicing and new[i].phone not in voiced:
                 break
             new[i] = SpokenPhone(change.get(new[i].phone, new[i].phone), new[i].stress)
         return tuple(new)
@@ -378,18 +385,7 @@ def read_language(content: LanguageFile, file: str) -> Language:
         raise ConfigurationError(
             "the sentences have faults", path=file, found="; ".join(sorted(faults))
         )
-    return Language(
-        content.language,
-        phone_set,
-        rules,
-        classes,
-        lexicon,
-        content.length,
-        content.releases,
-        before_vowels,
-        content.voicing,
-        frozenset(content.voicing_neither),
-    )
+    return Language(content, phone_set, rules, classes, lexicon, before_vowels)
 
 
 def _parse_entry(

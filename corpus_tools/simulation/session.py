@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -153,14 +154,7 @@ class Session:
         """
         frames = max(1, round(self.conditions.reference_duration * self.conditions.rate))
         still = np.repeat(self.still.positions, frames, axis=0)
-        pose = PoseTracks(
-            ("head",),
-            self.conditions.rate,
-            np.repeat(np.eye(3)[None, None], frames, axis=0),
-            np.zeros((frames, 1, 3)),
-            np.zeros((frames, 1)),
-        )
-        return self._observe(still, pose, rng, drop_outs=0.0, name="reference")
+        return self._observe(still, rng, drop_outs=0.0, name="reference")
 
     def record(self, rng: np.random.Generator, name: str = "simulated") -> Simulation:
         """Record smooth random gestures, as long as the conditions say.
@@ -180,17 +174,9 @@ class Session:
         conditions = self.conditions
         frames = round(conditions.duration * conditions.rate)
         names = self.face.parameter_names
-        values = np.stack(
-            [
-                draw_gesture(
-                    rng, frames, conditions.rate, _GESTURE_RATE, *_GESTURES.get(n, _ANY_GESTURE)
-                )
-                for n in names
-            ],
-            axis=1,
-        )
-        lower, upper = self.face.bounds.T
-        values = np.clip(values, lower, upper)
+        ranges = [_GESTURES.get(name, _ANY_GESTURE) for name in names]
+        values = draw_gestures(rng, frames, conditions.rate, _GESTURE_RATE, ranges)
+        values = np.clip(values, *self.face.bounds.T)
         return self.play(ParameterTracks(names, conditions.rate, values, name=name), rng)
 
     def play(self, truth: ParameterTracks, rng: np.random.Generator) -> Simulation:
@@ -209,74 +195,37 @@ class Session:
             The recording and its truth.
         """
         conditions, frames = self.conditions, truth.frames
-        largest = conditions.head_translation, conditions.head_rotation
         shift, turn = (
-            np.stack(
-                [draw_gesture(rng, frames, conditions.rate, _HEAD_RATE, -m, m) for _ in range(3)],
-                axis=1,
-            )
-            for m in largest
+            draw_gestures(rng, frames, conditions.rate, _HEAD_RATE, 3 * [(-largest, largest)])
+            for largest in (conditions.head_translation, conditions.head_rotation)
         )
         # The head turns about the top of the neck, not about its middle.
         neck = np.array([0.0, -60.0, -20.0])
         rotations = Rotation.from_euler("xyz", turn).as_matrix()
-        pose = PoseTracks(
-            ("head",),
-            conditions.rate,
-            rotations[:, None],
-            (neck + shift - rotations @ neck)[:, None],
-            np.zeros((frames, 1)),
-            name=truth.name,
-        )
-        markers = np.concatenate(
-            [
-                self._evaluator.evaluate_frames(truth.values)[0],
-                np.repeat(self.binding.head_positions[None], frames, axis=0),
-            ],
-            axis=1,
-        )
-        order = [(*self.binding.names, *self.binding.head_names).index(n) for n in self.still.names]
-        recording = self._observe(
-            markers[:, order], pose, rng, drop_outs=conditions.drop_outs, name=truth.name
-        )
-        pose = self._to_laboratory(pose).replace(start_time=truth.start_time)
-        return Simulation(recording, truth, pose)
+        translations = neck + shift - rotations @ neck
+        face = self._evaluator.evaluate_frames(truth.values)[0]
+        head = np.repeat(self.binding.head_positions[None], frames, axis=0)
+        names = (*self.binding.names, *self.binding.head_names)
+        markers = np.concatenate([face, head], axis=1)[:, list(map(names.index, self.still.names))]
+        markers = np.einsum("fij,fmj->fmi", rotations, markers) + translations[:, None]
+        recording = self._observe(markers, rng, drop_outs=conditions.drop_outs, name=truth.name)
+        # From reference to recording, both in the laboratory.
+        axes = _LABORATORY.as_matrix()
+        rotations = axes @ rotations @ axes.T
+        translations = translations @ axes.T + _HEAD_POSITION - rotations @ _HEAD_POSITION
+        arrays = rotations[:, None], translations[:, None], np.zeros((frames, 1))
+        pose = PoseTracks(("head",), conditions.rate, *arrays, name=truth.name)
+        return Simulation(recording, truth, pose.replace(start_time=truth.start_time))
 
     def _observe(
-        self,
-        markers: FloatArray,
-        pose: PoseTracks,
-        rng: np.random.Generator,
-        *,
-        drop_outs: float,
-        name: str,
+        self, markers: FloatArray, rng: np.random.Generator, *, drop_outs: float, name: str
     ) -> MarkerTracks:
-        """Return what cameras see of markers in head coordinates."""
-        positions = np.einsum("fij,fmj->fmi", pose.rotations[:, 0], markers)
-        positions = _LABORATORY.apply((positions + pose.translations).reshape(-1, 3)).reshape(
-            positions.shape
-        )
-        positions = (
-            positions
-            + _HEAD_POSITION
-            + rng.normal(0.0, self.conditions.noise or 0.0, positions.shape)
-        )
-        lost = _draw_drop_outs(rng, positions.shape[0], positions.shape[1], drop_outs)
-        return MarkerTracks(
-            self.still.names,
-            self.conditions.rate,
-            np.where(lost[:, :, None], np.nan, positions),
-            name=name,
-        )
-
-    def _to_laboratory(self, pose: PoseTracks) -> PoseTracks:
-        """Convert a pose to one from reference to recording, both in the laboratory."""
-        axes = _LABORATORY.as_matrix()
-        rotations = axes @ pose.rotations @ axes.T
-        translations = (pose.translations @ axes.T) + _HEAD_POSITION - rotations @ _HEAD_POSITION
-        return PoseTracks(
-            pose.names, pose.rate, rotations, translations, pose.residuals, name=pose.name
-        )
+        """Return what cameras see of markers in the axes of the head, ``(frames, markers, 3)``."""
+        shape = markers.shape
+        positions = _LABORATORY.apply(markers.reshape(-1, 3)).reshape(shape) + _HEAD_POSITION
+        positions += rng.normal(0.0, self.conditions.noise, shape)
+        positions[_draw_drop_outs(rng, shape[0], shape[1], drop_outs)] = np.nan
+        return MarkerTracks(self.still.names, self.conditions.rate, positions, name=name)
 
 
 def locate_markers(layout: Layout, mesh: Mesh) -> dict[str, FloatArray]:
@@ -360,12 +309,40 @@ def draw_gesture(
     margin = int(np.ceil(2 * rate / fade))
     white = rng.standard_normal(frames + 2 * margin)
     frequencies = np.fft.rfftfreq(len(white), 1 / rate)
-    filtered = np.fft.irfft(
-        np.fft.rfft(white) * np.exp(-0.5 * (frequencies / fade) ** 2), len(white)
-    )
-    return np.asarray(lower + (upper - lower) * ndtr(filtered / filtered.std()))[
-        margin : margin + frames
-    ]
+    spectrum = np.fft.rfft(white) * np.exp(-0.5 * (frequencies / fade) ** 2)
+    filtered = np.fft.irfft(spectrum, len(white))
+    track = lower + (upper - lower) * ndtr(filtered / filtered.std())
+    return np.asarray(track[margin : margin + frames])
+
+
+def draw_gestures(
+    rng: np.random.Generator,
+    frames: int,
+    rate: float,
+    fade: float,
+    ranges: Iterable[tuple[float, float]],
+) -> FloatArray:
+    """Draw smooth random tracks as `draw_gesture` does, one after another.
+
+    Parameters
+    ----------
+    rng
+        Generator of the noise.
+    frames
+        Number of frames.
+    rate
+        Frames per second, hertz.
+    fade
+        Where the spectrum has fallen to exp(-1/2), hertz.
+    ranges
+        Lower and upper bound of each track, in the unit of the track.
+
+    Returns
+    -------
+    ndarray
+        The tracks, ``(frames, tracks)``, each in the unit of its bounds.
+    """
+    return np.stack([draw_gesture(rng, frames, rate, fade, *pair) for pair in ranges], axis=1)
 
 
 def _draw_drop_outs(

@@ -285,7 +285,7 @@ class _Takes:
 # A corpus that `mocap-fit simulate` made; its truth is in truth/.
 # mocap-fit convert manifest.toml --root . --out CORPUS
 format_version = 1
-language = "{self.language.language}"
+language = "{self.spoken.language}"
 phone_set = "{self.language.phone_set.name}"
 layout = "{layout}"
 rate = {self.session.conditions.rate!r}

@@ -12,29 +12,12 @@ from typing import TypeVar
 
 from pydantic import Field, field_validator
 
-from mocap_fit.phones import FEATURE_NAMES, Phone
+from mocap_fit.phones import Phone
 from mocap_fit.settings_file import StrictModel, load_settings
 
 # Long vowels of ARPAbet, whose IPA here has no mark of length.
 _LONG = frozenset(["IY", "UW", "AA", "AO", "ER"])
 _MARKS = str.maketrans("", "", "ːˑ\u032f\u0361\u035c")
-_OTHER_TRAITS = (
-    "vowel",
-    "consonant",
-    "silence",
-    "closure",
-    "sibilant",
-    "coronal",
-    "palatal",
-    "long",
-    "diphthong",
-    "neutral_vowel",
-    "liquid",
-    "trill",
-    "affricate",
-    "glottal",
-)
-TRAITS = (*FEATURE_NAMES[1:-1], *_OTHER_TRAITS)
 
 
 def get_plain_sound(phone: Phone) -> str:
@@ -91,6 +74,9 @@ def get_traits(phone: Phone) -> dict[str, float]:
         "affricate": float(affricate),
         "glottal": float(sound in ("h", "ɦ", "ʔ")),
     }
+
+
+TRAITS = tuple(get_traits(Phone("", "silence")))
 
 
 class Rule(StrictModel):

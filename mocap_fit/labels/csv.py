@@ -9,12 +9,12 @@ import csv
 import io
 import os
 from collections.abc import Sequence
+from pathlib import Path
 
 from mocap_fit.errors import DataError, FileFormatError
 from mocap_fit.labels.text import (
     format_number,
     get_only,
-    get_utterance_name,
     parse_seconds,
     read_head_lines,
     read_label_text,
@@ -115,28 +115,22 @@ def _parse_table(rows: csv._reader, delimiter: str, path: str | os.PathLike[str]
     others = [column for column in range(len(names)) if column not in columns]
     entries: list[list[Label]] = [[] for _ in others]
     for row in rows:
+        line, count = rows.line_num, len(row)
         if not any(cell.strip() for cell in row):
             continue
-        if len(row) != len(names):
-            raise FileFormatError(
-                "the row has another number of columns than the first",
-                path=path,
-                line=rows.line_num,
-                found=len(row),
-                expected=len(names),
-            )
+        if count != len(names):
+            problem = "the row has another number of columns than the first"
+            raise FileFormatError(problem, path=path, line=line, found=count, expected=len(names))
         times = [row[column] for column in columns]
         if delimiter != ",":
             times = [time.replace(",", ".") for time in times]
-        start, end = (parse_seconds(time, path, rows.line_num) for time in times)
+        start, end = (parse_seconds(time, path, line) for time in times)
         for tier, column in zip(entries, others, strict=True):
             tier.append(Label(start, end, row[column]))
-    tiers = [
-        Tier(names[column].strip(), tuple(tier))
-        for column, tier in zip(others, entries, strict=True)
-    ]
+    pairs = zip(others, entries, strict=True)
+    tiers = [Tier(names[column].strip(), tuple(tier)) for column, tier in pairs]
     end = max((entry.end for tier in tiers for entry in tier.entries), default=0.0)
-    return Labels(tuple(tiers), 0.0, end, name=get_utterance_name(path))
+    return Labels(tuple(tiers), 0.0, end, name=Path(path).stem)
 
 
 def to_text(

@@ -8,13 +8,13 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
+from pathlib import Path
 
 from mocap_fit.errors import DataError, FileFormatError
 from mocap_fit.labels.text import (
     create_line_error,
     format_number,
     get_only,
-    get_utterance_name,
     parse_seconds,
     read_head_lines,
     read_label_text,
@@ -99,7 +99,7 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     tier = Tier("phone", tuple(entries))
     end = max((entry.end for entry in entries), default=0.0)
     unusual = () if header == _USUAL_HEADER else header
-    return (Labels((tier,), 0.0, end, name=get_utterance_name(path), header=unusual),)
+    return (Labels((tier,), 0.0, end, name=Path(path).stem, header=unusual),)
 
 
 def to_text(

@@ -10,12 +10,11 @@ import bisect
 import os
 import re
 from collections.abc import Sequence
-from pathlib import PurePosixPath
+from pathlib import Path
 
-from mocap_fit.errors import DataError, FileFormatError
+from mocap_fit.errors import FileFormatError
 from mocap_fit.labels.text import (
     get_only,
-    get_utterance_name,
     read_head_lines,
     read_label_text,
     refuse_characters,
@@ -35,7 +34,7 @@ NO_NAME = "!NULL"
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _TIMES = re.compile(r"-?\d{1,18}[ \t]+-?\d{1,18}[ \t]+\S.*")
 _TOKEN = re.compile(r"[ \t]*(?:\"((?:[^\"\\]|\\.)*)\"|'((?:[^'\\]|\\.)*)'|((?:[^ \t\\]|\\.)+))")
-_ESCAPE = re.compile(r"\\([0-7]{3}|.)")
+_ESCAPE = re.compile(rb"\\([0-7]{3}|.)")
 
 # Start and end in units, then name and score of every level.
 Row = tuple[int, int, list[tuple[str, str]]]
@@ -80,7 +79,7 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     """
     lines = enumerate(read_label_text(path).split("\n"), start=1)
     rows = [parse_row(line, number, path) for number, line in lines if line.strip()]
-    return (build_utterance(rows, get_utterance_name(path)),)
+    return (build_utterance(rows, Path(path).stem),)
 
 
 def to_text(
@@ -112,14 +111,10 @@ def to_text(
 
 def _unescape(name: str) -> str:
     # HTK writes a byte above 127 as a backslash and three octal digits.
-    content = b""
-    position = 0
-    for match in _ESCAPE.finditer(name):
-        content += name[position : match.start()].encode("utf-8", "surrogatepass")
-        code = match[1]
-        content += bytes([int(code, 8) & 255]) if len(code) == 3 else code.encode("utf-8")
-        position = match.end()
-    content += name[position:].encode("utf-8", "surrogatepass")
+    content = _ESCAPE.sub(
+        lambda match: bytes([int(match[1], 8) & 255]) if len(match[1]) == 3 else match[1],
+        name.encode("utf-8", "surrogatepass"),
+    )
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError:
@@ -210,9 +205,8 @@ def build_utterance(rows: Sequence[Row], name: str) -> Labels:
             elif named:
                 before = entries[-1]
                 entries[-1] = Label(before.start, last / RATE, before.text, before.extra)
-        tiers.append(
-            Tier(("phone", "word")[level] if level < 2 else f"level {level + 1}", tuple(entries))
-        )
+        name_of_tier = ("phone", "word")[level] if level < 2 else f"level {level + 1}"
+        tiers.append(Tier(name_of_tier, tuple(entries)))
     end = max((last for _, last, _ in rows), default=0) / RATE
     return Labels(tuple(tiers), 0.0, end, name=name)
 
@@ -283,11 +277,7 @@ def format_rows(labels: Labels) -> str:
         # Only tiers that read back unchanged are written.
         trial = _format_lines(_build_rows([*chosen, tier]))
         read_back = build_utterance([parse_row(line, 0, "") for line in trial], "").tiers
-        same = len(read_back) == len(chosen) + 1 and all(
-            _to_unit_entries(one) == _to_unit_entries(other)
-            for one, other in zip(read_back, [*chosen, tier], strict=True)
-        )
-        if same:
+        if [*map(_to_unit_entries, read_back)] == [*map(_to_unit_entries, [*chosen, tier])]:
             chosen.append(tier)
     warn_left_out(labels, chosen, "an HTK label file")
     for tier in chosen:
@@ -301,42 +291,3 @@ def _format_lines(rows: Sequence[tuple[int, int, list[str]]]) -> list[str]:
 
 def _to_unit_entries(tier: Tier) -> list[tuple[int, int, str]]:
     return [(to_units(e.start, RATE), to_units(e.end, RATE), e.text) for e in tier.entries]
-
-
-def parse_name(pattern: str) -> str:
-    """Return the utterance of a name in a .mlf: ``*/take_01.lab`` is ``take_01``.
-
-    Parameters
-    ----------
-    pattern
-        Name in the file.
-
-    Returns
-    -------
-    str
-        Name of the utterance.
-    """
-    return PurePosixPath(pattern.replace("\\", "/")).stem
-
-
-def create_name_error(path: str | os.PathLike[str], name: str) -> DataError:
-    """Return the error of an utterance whose name a .mlf cannot hold.
-
-    Parameters
-    ----------
-    path
-        The file.
-    name
-        Name of the utterance.
-
-    Returns
-    -------
-    DataError
-        The error to raise.
-    """
-    return DataError(
-        "a .mlf needs a name for every utterance, each once",
-        path=path,
-        found=repr(name),
-        advice="Name it without slashes, quotes and ends of lines.",
-    )

@@ -5,16 +5,10 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
+from pathlib import PurePosixPath
 
-from mocap_fit.errors import FileFormatError
-from mocap_fit.labels.htk import (
-    Row,
-    build_utterance,
-    create_name_error,
-    format_rows,
-    parse_name,
-    parse_row,
-)
+from mocap_fit.errors import DataError, FileFormatError
+from mocap_fit.labels.htk import Row, build_utterance, format_rows, parse_row
 from mocap_fit.labels.text import read_head_lines, read_label_text
 from mocap_fit.labels.types import Labels
 
@@ -38,7 +32,7 @@ def sniff(path: str | os.PathLike[str]) -> bool:
     bool
         Whether it looks like a master label file.
     """
-    return read_head_lines(path)[:1] == [_FIRST] or read_head_lines(path)[:1] == [_FIRST + " "]
+    return read_head_lines(path)[:1] in ([_FIRST], [_FIRST + " "])
 
 
 def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[Labels, ...]:
@@ -85,7 +79,7 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
                     found=f"'{line}'",
                     expected='such as "*/take_01.lab"',
                 )
-            name, rows, others = parse_name(match[1]), [], False
+            name, rows, others = _parse_name(match[1]), [], False
             if name in entries:
                 raise FileFormatError(f"the utterance '{name}' comes twice", path=path, line=number)
         elif line == ".":
@@ -129,10 +123,19 @@ def to_text(
     names: set[str] = set()
     for labels in utterances:
         name = labels.name
-        if not name or name in names or parse_name(f"*/{name}.lab") != name:
-            raise create_name_error(path, name)
-        if any(character in '"\n\r\0' for character in name):
-            raise create_name_error(path, name)
+        is_plain = name == _parse_name(f"*/{name}.lab") and not set(name) & set('"\n\r\0')
+        if not name or name in names or not is_plain:
+            raise DataError(
+                "a .mlf needs a name for every utterance, each once",
+                path=path,
+                found=repr(name),
+                advice="Name it without slashes, quotes and ends of lines.",
+            )
         names.add(name)
         parts.append(f'"*/{name}.lab"\n{format_rows(labels)}.\n')
     return "".join(parts)
+
+
+def _parse_name(pattern: str) -> str:
+    """Return the utterance of a name in the file: ``*/take_01.lab`` is ``take_01``."""
+    return PurePosixPath(pattern.replace("\\", "/")).stem

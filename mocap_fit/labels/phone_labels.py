@@ -173,30 +173,22 @@ def to_phones(
     spoken = get_texts(above, centres) if above not in (None, phones) else [""] * len(centres)
     stressed = get_texts(stresses, centres) if stresses is not None else [""] * len(centres)
     silence = "" if chosen is None else chosen.silence
-    segments = [
-        PhoneSegment(
-            entry.start,
-            entry.end,
-            entry.text.strip() or silence,
-            _parse_stress(mark, entry),
-            word.strip(),
-        )
-        for entry, word, mark in zip(entries, spoken, stressed, strict=True)
-        if entry.text.strip() or silence
-    ]
+    segments = []
+    for entry, word, mark in zip(entries, spoken, stressed, strict=True):
+        symbol = entry.text.strip() or silence
+        if symbol:
+            times, stress = (entry.start, entry.end), _parse_stress(mark, entry)
+            segments.append(PhoneSegment(*times, symbol, stress, word.strip()))
     sequence = PhoneSequence(tuple(segments), name=labels.name)
     if chosen is None:
         return sequence
     sequence = normalise_phones(sequence, chosen, table)
     # A tier of words can have a label for silence as well.
-    return sequence.replace(
-        segments=tuple(
-            dataclasses.replace(segment, word="")
-            if chosen.is_silence(segment) and chosen.parse(segment.word) is not None
-            else segment
-            for segment in sequence
-        )
-    )
+    segments = list(sequence)
+    for index, segment in enumerate(segments):
+        if chosen.is_silence(segment) and chosen.parse(segment.word) is not None:
+            segments[index] = dataclasses.replace(segment, word="")
+    return sequence.replace(segments=tuple(segments))
 
 
 def _parse_stress(mark: str, entry: Label) -> int | None:

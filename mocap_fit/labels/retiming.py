@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import overload
+from typing import TypeVar, overload
 
 import numpy as np
 
 from mocap_fit.errors import DataError
-from mocap_fit.labels.types import Labels
+from mocap_fit.labels.types import Label, Labels, Tier
 from mocap_fit.phones import PhoneSequence
 from mocap_fit.tracks import FloatArray
+
+_Part = TypeVar("_Part", Label, Tier, Labels)
 
 
 @overload
@@ -59,29 +61,23 @@ def retime(
         )
         return labels.replace(segments=segments).add_step("retime", {"anchors": pairs.tolist()})
 
-    def retime_one(time: float) -> float:
-        return float(_retime_times(np.array([time]), pairs)[0])
+    def retime_ends(part: _Part) -> _Part:
+        ends = {name: getattr(part, name) for name in ("start", "end")}
+        known = {name: np.array([time]) for name, time in ends.items() if time is not None}
+        changes = {name: float(_retime_times(time, pairs)[0]) for name, time in known.items()}
+        return dataclasses.replace(part, **changes)  # type: ignore[arg-type]
 
     tiers = []
     for tier in labels.tiers:
-        entries = tuple(
-            dataclasses.replace(entry, start=retime_one(entry.start), end=retime_one(entry.end))
-            for entry in tier.entries
-        )
-        start = None if tier.start is None else retime_one(tier.start)
-        end = None if tier.end is None else retime_one(tier.end)
-        tiers.append(dataclasses.replace(tier, entries=entries, start=start, end=end))
-    return dataclasses.replace(
-        labels, tiers=tuple(tiers), start=retime_one(labels.start), end=retime_one(labels.end)
-    )
+        entries = tuple(retime_ends(entry) for entry in tier.entries)
+        tiers.append(dataclasses.replace(retime_ends(tier), entries=entries))
+    return dataclasses.replace(retime_ends(labels), tiers=tuple(tiers))
 
 
 def _retime_times(times: FloatArray, pairs: FloatArray) -> FloatArray:
     """Return times, ``(times,)``, by the second clock of pairs, ``(anchors, 2)``."""
     if len(pairs) == 1:
-        shifted: FloatArray = times + (pairs[0, 1] - pairs[0, 0])
-        return shifted
+        return np.asarray(times + (pairs[0, 1] - pairs[0, 0]))
     before = np.clip(np.searchsorted(pairs[:, 0], times, side="right") - 1, 0, len(pairs) - 2)
     rates = np.diff(pairs[:, 1]) / np.diff(pairs[:, 0])
-    stretched: FloatArray = pairs[before, 1] + (times - pairs[before, 0]) * rates[before]
-    return stretched
+    return np.asarray(pairs[before, 1] + (times - pairs[before, 0]) * rates[before])

@@ -6,7 +6,6 @@ import math
 import os
 import warnings
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -227,22 +226,6 @@ def refuse_characters(
                 found=repr(entry.text),
                 advice="Write a TextGrid or CSV.",
             )
-
-
-def get_utterance_name(path: str | os.PathLike[str]) -> str:
-    """Return the name of the utterance of a file: that of the file without its extension.
-
-    Parameters
-    ----------
-    path
-        The file.
-
-    Returns
-    -------
-    str
-        Name of the utterance.
-    """
-    return Path(path).stem
 
 
 def to_units(value: float, rate: float) -> int:

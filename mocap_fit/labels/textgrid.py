@@ -12,12 +12,12 @@ import math
 import os
 import re
 from collections.abc import Sequence
+from pathlib import Path
 
 from mocap_fit.errors import FileFormatError
 from mocap_fit.labels.text import (
     format_number,
     get_only,
-    get_utterance_name,
     read_head_lines,
     read_label_text,
     refuse_characters,
@@ -144,12 +144,10 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
             advice="Save the TextGrid alone, not a collection.",
         )
     start, end = tokens.take_time("the start in seconds"), tokens.take_time("the end in seconds")
-    tiers = []
-    if tokens.take("flag", "<exists> or <absent>") == "<exists>":
-        tiers = [
-            _read_tier(tokens, start, end) for _ in range(tokens.take_count("the number of tiers"))
-        ]
-    return (Labels(tuple(tiers), start, end, name=get_utterance_name(path)),)
+    exists = tokens.take("flag", "<exists> or <absent>") == "<exists>"
+    count = tokens.take_count("the number of tiers") if exists else 0
+    tiers = [_read_tier(tokens, start, end) for _ in range(count)]
+    return (Labels(tuple(tiers), start, end, name=Path(path).stem),)
 
 
 def _read_tier(tokens: _Tokens, file_start: float, file_end: float) -> Tier:
@@ -161,20 +159,14 @@ def _read_tier(tokens: _Tokens, file_start: float, file_end: float) -> Tier:
     entries = []
     for _ in range(tokens.take_count("the number of entries")):
         if _KINDS[kind_name] == "interval":
-            first, last = (
-                tokens.take_time("a start in seconds"),
-                tokens.take_time("an end in seconds"),
-            )
+            first = tokens.take_time("a start in seconds")
+            last = tokens.take_time("an end in seconds")
         else:
             first = last = tokens.take_time("a time in seconds")
         entries.append(Label(first, last, tokens.take("text", "a quoted label")))
-    return Tier(
-        name,
-        tuple(entries),
-        _KINDS[kind_name],
-        None if start == file_start else start,
-        None if end == file_end else end,
-    )
+    tier_start = None if start == file_start else start
+    tier_end = None if end == file_end else end
+    return Tier(name, tuple(entries), _KINDS[kind_name], tier_start, tier_end)
 
 
 def to_text(

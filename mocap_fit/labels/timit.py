@@ -13,7 +13,6 @@ from pathlib import Path
 from mocap_fit.labels.text import (
     create_line_error,
     get_only,
-    get_utterance_name,
     read_head_lines,
     read_label_text,
     refuse_characters,
@@ -80,7 +79,7 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     if not words and beside.is_file() and beside.stat().st_size:
         tiers.append(_read_tier(beside, "word", rate or SAMPLE_RATE))
     end = max((entry.end for tier in tiers for entry in tier.entries), default=0.0)
-    return (Labels(tuple(tiers), 0.0, end, name=get_utterance_name(path)),)
+    return (Labels(tuple(tiers), 0.0, end, name=Path(path).stem),)
 
 
 def _read_tier(path: Path, name: str, rate: float) -> Tier:

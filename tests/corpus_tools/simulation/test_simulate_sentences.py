@@ -74,7 +74,7 @@ def test_vowels_occur_with_and_without_stress(drawn, language):
 def test_sentences_are_different_and_of_the_length_asked_for(drawn, language):
     sentences = drawn[language]
     assert len({sentence.text for sentence in sentences}) == COUNT
-    least, most = load_language(language).length
+    least, most = load_language(language).settings.length
     for sentence in sentences:
         assert re.fullmatch(r"[A-ZÅÄÖÁČŘŠŽ][^.?_{}]+[.?]", sentence.text)
         words = [word.text for word in sentence.words if word.phones]
