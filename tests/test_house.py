@@ -169,6 +169,12 @@ def test_files_are_short_and_have_a_home(path):
         assert lines <= LONGEST_FILE, f"{name} wants to be two files"
 
 
+def test_test_files_have_names_of_their_own():
+    # pytest imports them by their names alone.
+    names = [path.name for path in (ROOT / "tests").rglob("test_*.py")]
+    assert sorted(set(names)) == sorted(names)
+
+
 def test_exceptions_to_the_length_are_still_needed():
     for name in LONGER_FILES:
         assert len((ROOT / name).read_text(encoding="utf-8").splitlines()) > LONGEST_FILE
