@@ -80,7 +80,15 @@ def describe_axes(axes):
         ]
         for line in axes.lines
     ]
-    patches = [[*numbers(p.get_extents().bounds), to_hex(p.get_fc())] for p in axes.patches[:3]]
+    patches = [
+        [
+            *numbers(p.get_extents().bounds),
+            p.get_linewidth(),
+            to_hex(p.get_fc()),
+            to_hex(p.get_ec()),
+        ]
+        for p in axes.patches[:3]
+    ]
     fills = [[c.get_alpha(), *numbers(c.get_linewidth())] for c in axes.collections]
     images = [[*numbers(i.get_clim()), i.get_cmap().name, i.get_array().size] for i in axes.images]
     grids = [any(g.get_visible() for g in a.get_gridlines()) for a in (axes.xaxis, axes.yaxis)]
@@ -94,7 +102,13 @@ def describe_axes(axes):
         "spines": {side: spine.get_visible() for side, spine in axes.spines.items()},
         "legend": None
         if legend is None
-        else [[t.get_text() for t in legend.get_texts()], legend._loc, legend._ncols],
+        else [
+            [t.get_text() for t in legend.get_texts()],
+            legend._loc,
+            legend._ncols,
+            legend._fontsize,
+            numbers(legend.get_window_extent().bounds),
+        ],
         "lines": lines,
         "patches": patches,
         "fills": fills,

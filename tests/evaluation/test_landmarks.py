@@ -1,4 +1,5 @@
 import dataclasses
+import inspect
 
 import numpy as np
 import pytest
@@ -6,6 +7,7 @@ import pytest
 from corpus_tools import simulation as simulate
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.errors import DataError
+from mocap_fit.evaluation import evaluate
 from mocap_fit.evaluation.landmarks import FITTED, LandmarkScores, _Mouth, evaluate_landmarks
 from mocap_fit.face import load_face
 from mocap_fit.fitting import load_layout
@@ -98,3 +100,9 @@ def test_scores_beside_the_markers_print_the_best_first():
     assert lines[2].split()[1:] == ["0.500", "0.600", "0.700", "0.800", "0.650", "0.600", "0.700"]
     assert "3 utterances, 90 frames" in repr(scores)
     assert scores._repr_html_().count("<tr>") == 3
+
+
+def test_the_bootstrap_is_that_of_the_other_scores():
+    ours, theirs = (inspect.signature(each).parameters for each in (evaluate_landmarks, evaluate))
+    for name, value in (("resamples", 2000), ("seed", 0)):
+        assert ours[name].default == theirs[name].default == value

@@ -156,3 +156,5 @@ def test_cells_of_tables_are_rounded_and_escaped():
     text = format_text(["model", "r"], [["a", "0.5"], ["longer", "1"]])
     assert text.splitlines() == ["model     r", "a       0.5", "longer    1"]
     assert "<td>&lt;b&gt;</td>" in format_html(["x"], [["<b>"]])
+    with pytest.raises(ValueError, match="zip"):
+        format_text(["model", "r"], [["a"]])
