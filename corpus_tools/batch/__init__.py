@@ -4,12 +4,4 @@ from corpus_tools.batch.item import Context, Item, ItemResult, Job, catch_warnin
 from corpus_tools.batch.progress import BatchProgress
 from corpus_tools.batch.run import run_batch
 
-__all__ = [
-    "BatchProgress",
-    "Context",
-    "Item",
-    "ItemResult",
-    "Job",
-    "catch_warnings",
-    "run_batch",
-]
+__all__ = ["BatchProgress", "Context", "Item", "ItemResult", "Job", "catch_warnings", "run_batch"]

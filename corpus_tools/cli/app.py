@@ -18,13 +18,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from corpus_tools.cli import (
-    console,
-    corpus_commands,
-    look_commands,
-    model_commands,
-    speak_commands,
-)
+from corpus_tools.cli import console, corpus_commands, look_commands, model_commands, speak_commands
 from mocap_fit._version import __version__
 
 

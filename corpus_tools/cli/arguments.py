@@ -13,8 +13,7 @@ import typer
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 Jobs = Annotated[int, typer.Option(min=0, help="Number of processes; 0 for one per core.")]
 Dask = Annotated[
-    str | None,
-    typer.Option(metavar="ADDRESS", help="Work on a dask cluster: tcp://HOST:PORT."),
+    str | None, typer.Option(metavar="ADDRESS", help="Work on a dask cluster: tcp://HOST:PORT.")
 ]
 Dictionary = Annotated[
     Path | None, typer.Option(help="A pronouncing dictionary in CMU's format.", readable=False)

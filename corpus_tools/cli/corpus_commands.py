@@ -46,8 +46,7 @@ def _fit(
         bool, typer.Option("--refine-pose", help="Fit the head's pose together with the shape.")
     ] = False,
     smooth: Annotated[
-        bool,
-        typer.Option("--smooth", help="Fit all frames together, as smooth as the data say."),
+        bool, typer.Option("--smooth", help="Fit all frames together, as smooth as the data say.")
     ] = False,
     jobs: arguments.Jobs = 1,
     dask: arguments.Dask = None,
@@ -186,8 +185,7 @@ def _align(
     ] = None,
     dictionary: arguments.Dictionary = None,
     acoustic_model: Annotated[
-        Path | None,
-        typer.Option(help="The folder of a model of pocketsphinx.", readable=False),
+        Path | None, typer.Option(help="The folder of a model of pocketsphinx.", readable=False)
     ] = None,
     phone_set: Annotated[
         str | None, typer.Option(help="What the model's phones are read as.")
@@ -289,8 +287,7 @@ def _simulate(
         float, typer.Option(min=0, max=80, help="Largest head turn (degrees).")
     ] = 20.0,
     other_speaker: Annotated[
-        bool,
-        typer.Option("--other-speaker", help="A head of another size and other proportions."),
+        bool, typer.Option("--other-speaker", help="A head of another size and other proportions.")
     ] = False,
     drift: Annotated[
         float,

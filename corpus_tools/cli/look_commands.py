@@ -48,8 +48,7 @@ def _info(
         ),
     ],
     tree: Annotated[
-        str | None,
-        typer.Option(metavar="PHONE/PARAMETER", help="Show a tree of a CART model."),
+        str | None, typer.Option(metavar="PHONE/PARAMETER", help="Show a tree of a CART model.")
     ] = None,
     svg: Annotated[
         Path | None, typer.Option(help="Draw the tree into this file (SVG).", readable=False)

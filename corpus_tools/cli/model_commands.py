@@ -27,8 +27,7 @@ _PAUSE = 5.0
 def _train(
     corpus: _Corpus,
     out: Annotated[
-        Path,
-        typer.Option(help="The file of the trained model; a sweep's folder.", readable=False),
+        Path, typer.Option(help="The file of the trained model; a sweep's folder.", readable=False)
     ],
     model: Annotated[
         str | None, typer.Option(help="The control model, such as cohen-massaro.")
@@ -153,8 +152,7 @@ def _evaluate(
     ] = None,
     parameter: Annotated[str | None, typer.Option(help="The parameter that is drawn.")] = None,
     landmarks: Annotated[
-        bool,
-        typer.Option("--landmarks", help="Compare predicted faces with the markers as well."),
+        bool, typer.Option("--landmarks", help="Compare predicted faces with the markers as well.")
     ] = False,
     resamples: Annotated[int, typer.Option(min=100, help="Samples of the bootstrap.")] = 2000,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,

@@ -12,12 +12,7 @@ from corpus_tools.conversion.manifest import Manifest
 from corpus_tools.conversion.plan import AUDIO, PARTS, Plan
 from corpus_tools.conversion.utterance import STEP
 from mocap_fit.atomic_file import make_folder, write_atomically
-from mocap_fit.corpus import (
-    DESCRIPTION_FILE,
-    Corpus,
-    Utterance,
-    write_corpus,
-)
+from mocap_fit.corpus import DESCRIPTION_FILE, Corpus, Utterance, write_corpus
 from mocap_fit.errors import ConfigurationError, MocapFitError
 from mocap_fit.tracks import Step
 from mocap_fit.utterance import UTTERANCES_FILE, read_utterances

@@ -11,13 +11,7 @@ from typing import Any
 import numpy as np
 
 from corpus_tools.conversion.plan import Settings, UtteranceItem
-from mocap_fit.errors import (
-    DataError,
-    MissingRateError,
-    MocapFitError,
-    MocapFitWarning,
-    add_path,
-)
+from mocap_fit.errors import DataError, MissingRateError, MocapFitError, MocapFitWarning, add_path
 from mocap_fit.io import read_tracks
 from mocap_fit.labels import read_phones
 from mocap_fit.phones import PhoneSequence, UnknownPhone, find_unknown_phones

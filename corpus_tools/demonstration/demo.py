@@ -93,11 +93,7 @@ class DemoReport:
         dict[str, Any]
             All figures and the files.
         """
-        files = {
-            "figures": self.fits.pictures,
-            "report": self.out / _REPORT,
-            "page": self.page,
-        }
+        files = {"figures": self.fits.pictures, "report": self.out / _REPORT, "page": self.page}
         return {**self.figures, **files}
 
     @property

@@ -289,10 +289,7 @@ def draw_faces(recording: FittedRecording, binding: Binding, frames: Sequence[in
     corners = binding.vertex_ids[binding.corners[:, 0]]
     size = (420, 500)
     figure, axes = create_figure(
-        (2.1 * len(frames), 5.6),
-        2,
-        len(frames),
-        gridspec_kw={"wspace": 0.0, "hspace": 0.0},
+        (2.1 * len(frames), 5.6), 2, len(frames), gridspec_kw={"wspace": 0.0, "hspace": 0.0}
     )
     for row, view in enumerate(("front", "three-quarter")):
         centre = mesh.vertices[mesh.get_feature_point("9.3")] * (0.15, 1.0, 0.3) - (0.0, 22.0, 0.0)

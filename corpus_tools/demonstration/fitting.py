@@ -8,11 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from corpus_tools.demonstration import figures
-from corpus_tools.demonstration.comparison import (
-    Accuracy,
-    FittedRecording,
-    measure_accuracy,
-)
+from corpus_tools.demonstration.comparison import Accuracy, FittedRecording, measure_accuracy
 from corpus_tools.simulation import OTHER_SPEAKER, Conditions, simulate
 from corpus_tools.tasks import TaskProgress, count_steps
 from mocap_fit.drawing import save_figure

@@ -171,10 +171,7 @@ def _choose_models(result: Evaluation, models: dict[str, ControlModel]) -> tuple
 
 
 def _render(
-    path: Path,
-    heads: dict[str, ParameterTracks],
-    shown: Utterance,
-    progress: TaskProgress | None,
+    path: Path, heads: dict[str, ParameterTracks], shown: Utterance, progress: TaskProgress | None
 ) -> None:
     from mocap_fit.render import render_movie
 

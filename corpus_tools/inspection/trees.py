@@ -5,14 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mocap_fit.control import load
-from mocap_fit.control.cart import (
-    Cart,
-    Reason,
-    explain_targets,
-    export_text,
-    find_tree,
-    write_tree,
-)
+from mocap_fit.control.cart import Cart, Reason, explain_targets, export_text, find_tree, write_tree
 from mocap_fit.errors import DataError
 from mocap_fit.phones import PhoneSequence
 

@@ -38,9 +38,7 @@ _SEED = 7
 _SENTENCES, _SPEAKER, _SAID = 1, 2, 3
 # Settings for a talking head, whose lips close on every p, b and m.
 _LIPS = ("jaw_rotation", "upper_lip_raise", "lower_lip_depression")
-_SETTINGS: dict[str, dict[str, Any]] = {
-    "cart": {"closures": dict.fromkeys(_LIPS, "learned")},
-}
+_SETTINGS: dict[str, dict[str, Any]] = {"cart": {"closures": dict.fromkeys(_LIPS, "learned")}}
 
 
 def list_languages() -> tuple[str, ...]:
@@ -303,8 +301,7 @@ def find_model(
     if path.exists() or path.suffix or len(path.parts) > 1:
         return control.load(path)
     raise ConfigurationError(
-        f"there is no model '{name}'",
-        expected=f"a file, or one of {', '.join(control.names())}",
+        f"there is no model '{name}'", expected=f"a file, or one of {', '.join(control.names())}"
     )
 
 
