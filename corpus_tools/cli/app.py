@@ -4,8 +4,7 @@ A command only says what its arguments are and prints what comes of it; its work
 function of its name in `corpus_tools`, imported when the command is called, so that
 ``mocap-fit --help`` answers at once. Bad data is a `MocapFitError`, raised by the function; a call
 that makes no sense is a `typer.BadParameter`, raised by the command; `console.run_guarded` turns
-both into exit statuses. Paths have ``readable=False``: a file that may not be read is bad data,
-and typer would call it a wrong call.
+both into exit statuses.
 """
 
 from __future__ import annotations
@@ -84,5 +83,6 @@ def _accept_options(
     pass
 
 
-for _commands in (look_commands, corpus_commands, model_commands, speak_commands):
-    _commands.register(app)
+for _module in (look_commands, corpus_commands, model_commands, speak_commands):
+    for _name, _command in _module.COMMANDS.items():
+        app.command(_name)(_command)

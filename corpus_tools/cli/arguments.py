@@ -5,26 +5,31 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import typer
 
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
-Jobs = Annotated[int, typer.Option(min=0, help="Number of processes; 0 for one per core.")]
+ChoiceT = TypeVar("ChoiceT", bound=str)
+
+# A file that may not be read is bad data, and typer would call it a wrong call.
+Argument = partial(typer.Argument, readable=False)
+Option = partial(typer.Option, readable=False)
+
+AsJson = Annotated[bool, Option("--json", help="Print JSON, for programs.")]
+Jobs = Annotated[int, Option(min=0, help="Number of processes; 0 for one per core.")]
 Dask = Annotated[
-    str | None, typer.Option(metavar="ADDRESS", help="Work on a dask cluster: tcp://HOST:PORT.")
+    str | None, Option(metavar="ADDRESS", help="Work on a dask cluster: tcp://HOST:PORT.")
 ]
-Dictionary = Annotated[
-    Path | None, typer.Option(help="A pronouncing dictionary in CMU's format.", readable=False)
-]
-Face = Annotated[str, typer.Option(help="The face: built-in, or a rig file.")]
-Layout = Annotated[str, typer.Option(help="The marker layout: a shipped name, or a TOML file.")]
+Dictionary = Annotated[Path | None, Option(help="A pronouncing dictionary in CMU's format.")]
+Face = Annotated[str, Option(help="The face: built-in, or a rig file.")]
+Layout = Annotated[str, Option(help="The marker layout: a shipped name, or a TOML file.")]
 
 _BETWEEN = re.compile(r"(\d+(?:\.\d*)?)-(\d+(?:\.\d*)?)")
 
 
-def check_choice(value: str, known: Sequence[str], option: str) -> str:
+def check_choice(value: str, known: Sequence[ChoiceT], option: str) -> ChoiceT:
     """Return a value if it is a known one.
 
     Parameters
@@ -46,9 +51,10 @@ def check_choice(value: str, known: Sequence[str], option: str) -> str:
     typer.BadParameter
         If it is not known: the call is wrong.
     """
-    if value not in known:
-        raise typer.BadParameter(f"'{value}' is not one of {', '.join(known)}", param_hint=option)
-    return value
+    for choice in known:
+        if choice == value:
+            return choice
+    raise typer.BadParameter(f"'{value}' is not one of {', '.join(known)}", param_hint=option)
 
 
 def check_workers(dask: str | None, jobs: int) -> None:

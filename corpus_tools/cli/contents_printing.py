@@ -67,19 +67,16 @@ def _create_record_table(key: str, records: Sequence[Mapping[str, Any]]) -> Any:
     columns = list(dict.fromkeys(column for record in records for column in record))
     for column in columns:
         is_number = all(isinstance(record.get(column), (int, float)) for record in records)
-        justify: Any = "right" if is_number else "left"
-        table.add_column(Text(_format_label(column)), justify=justify, overflow="fold")
+        label = Text(_format_label(column))
+        table.add_column(label, justify="right" if is_number else "left", overflow="fold")
     for record in records:
         table.add_row(*(Text(_format_quantity(column, record.get(column))) for column in columns))
     return table
 
 
-def _is_records(value: object) -> bool:
-    return (
-        isinstance(value, (list, tuple))
-        and len(value) > 0
-        and all(isinstance(item, Mapping) for item in value)
-    )
+def _is_records(value: Any) -> bool:
+    is_list = isinstance(value, (list, tuple)) and len(value) > 0
+    return is_list and all(isinstance(item, Mapping) for item in value)
 
 
 def _format_label(key: object) -> str:
@@ -87,11 +84,11 @@ def _format_label(key: object) -> str:
 
 
 def _format_quantity(key: str, value: Any) -> str:
-    if isinstance(value, (int, float)) and key in _SHARES:
+    if not isinstance(value, (int, float)):
+        return _format_value(value)
+    if key in _SHARES:
         return f"{100 * value:.1f} %"
-    if isinstance(value, (int, float)) and key in _UNITS:
-        return f"{_format_value(value)} {_UNITS[key]}"
-    return _format_value(value)
+    return f"{_format_value(value)} {_UNITS.get(key, '')}".rstrip()
 
 
 def _format_value(value: Any) -> str:
@@ -146,25 +143,21 @@ def print_model(
     model = trees.load_cart(path)
     if tree is None and svg is not None:
         raise DataError("there is no tree to draw", advice="Say which with --tree PHONE/PARAMETER.")
-    text = None if tree is None else trees.describe_tree(model, tree, svg)
+    lines = [] if tree is None else trees.describe_tree(model, tree, svg).splitlines()
+    content: Any = {"tree": tree, "text": lines}
     if explain is not None:
         reasons = trees.explain_utterance(model, explain, tree)
-        if as_json:
-            display.print_json([dataclasses.asdict(reason) for reason in reasons])
-        else:
-            lines = "\n".join(map(str, reasons)) or "none of its targets is from this tree"
-            display.print_lines(*lines.splitlines())
-    elif text is not None:
-        if as_json:
-            display.print_json({"tree": tree, "text": text.splitlines()})
-        else:
-            display.print_lines(*text.splitlines())
+        content = [dataclasses.asdict(reason) for reason in reasons]
+        text = "\n".join(map(str, reasons)) or "none of its targets is from this tree"
+        lines = text.splitlines()
+    elif tree is None:
+        content = {"importance": compute_importances(model)}
+    if as_json:
+        display.print_json(content)
+    elif lines:
+        display.print_lines(*lines)
     else:
-        shares = compute_importances(model)
-        if as_json:
-            display.print_json({"importance": shares})
-        else:
-            _print_importance([question.name for question in model.questions_], shares)
+        _print_importance([question.name for question in model.questions_], content["importance"])
 
 
 def _print_importance(questions: Sequence[str], shares: Mapping[str, Mapping[str, float]]) -> None:

@@ -9,49 +9,44 @@ from typing import Annotated
 import typer
 
 from corpus_tools.cli import arguments, console, display
-from corpus_tools.cli.arguments import AsJson
+from corpus_tools.cli.arguments import Argument, AsJson, Option
 from corpus_tools.cli.console import Status
+from mocap_fit.processes import limit_threads
 
 
 def _fit(
     recordings: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="RECORDING", help="Recordings: files, folders or patterns.", readable=False
-        ),
+        list[Path], Argument(metavar="RECORDING", help="Recordings: files, folders or patterns.")
     ],
     reference: Annotated[
-        Path,
-        typer.Option(
-            help="A recording of the reference pose: face at rest, lips closed.", readable=False
-        ),
+        Path, Option(help="A recording of the reference pose: face at rest, lips closed.")
     ],
     layout: arguments.Layout,
-    out: Annotated[Path, typer.Option(help="The folder for OUT/NAME.parquet.", readable=False)],
+    out: Annotated[Path, Option(help="The folder for OUT/NAME.parquet.")],
     face: arguments.Face = "built-in",
     between: Annotated[
         str | None,
-        typer.Option(metavar="START-END", help="Fit only this part of each recording (seconds)."),
+        Option(metavar="START-END", help="Fit only this part of each recording (seconds)."),
     ] = None,
     objective: Annotated[
-        str, typer.Option(help="What is minimised: distances, squares or huber.")
+        str, Option(help="What is minimised: distances, squares or huber.")
     ] = "distances",
     solver: Annotated[
         str,
-        typer.Option(
+        Option(
             help="newton-nlopt, newton, or an nlopt algorithm (LN_PRAXIS: Powell's, the paper's)."
         ),
     ] = "newton-nlopt",
     refine_pose: Annotated[
-        bool, typer.Option("--refine-pose", help="Fit the head's pose together with the shape.")
+        bool, Option("--refine-pose", help="Fit the head's pose together with the shape.")
     ] = False,
     smooth: Annotated[
-        bool, typer.Option("--smooth", help="Fit all frames together, as smooth as the data say.")
+        bool, Option("--smooth", help="Fit all frames together, as smooth as the data say.")
     ] = False,
     jobs: arguments.Jobs = 1,
     dask: arguments.Dask = None,
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="Fit again what an earlier run has fitted.")
+        bool, Option("--fresh", help="Fit again what an earlier run has fitted.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -60,8 +55,6 @@ def _fit(
     Recordings that an earlier run has fitted in the same way are skipped, so that a run that was
     stopped goes on where it was.
     """
-    from mocap_fit.processes import limit_threads
-
     arguments.check_workers(dask, jobs)
     part = arguments.parse_between(between)
     limit_threads()
@@ -70,7 +63,8 @@ def _fit(
     from mocap_fit.fitting.objective import OBJECTIVES
     from mocap_fit.fitting.solving import SOLVERS
 
-    with corpus_printing.show_fit_progress() as progress:
+    print_result = corpus_printing.print_fit_result
+    with display.show_batch_progress("fitting recordings", print_result) as progress:
         report = run(
             recordings,
             reference=reference,
@@ -78,7 +72,7 @@ def _fit(
             out=out,
             face=face,
             between=part,
-            objective=arguments.check_choice(objective, OBJECTIVES, "--objective"),  # type: ignore[arg-type]
+            objective=arguments.check_choice(objective, OBJECTIVES, "--objective"),
             solver=arguments.check_choice(solver, SOLVERS, "--solver"),
             refine_pose=refine_pose,
             smooth=smooth,
@@ -102,36 +96,30 @@ def _print_example(wanted: bool) -> None:
 def _convert(
     manifest: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="MANIFEST",
             help="A TOML file; or a folder with manifest.toml, or with recordings/ labels/ "
             "sound/ and reference.*.",
-            readable=False,
         ),
     ],
-    out: Annotated[
-        Path, typer.Option(help="The corpus: a new folder, or an earlier corpus.", readable=False)
-    ],
+    out: Annotated[Path, Option(help="The corpus: a new folder, or an earlier corpus.")],
     root: Annotated[
         Path | None,
-        typer.Option(
-            help="The folder of the manifest's paths; by default that of the manifest.",
-            readable=False,
-        ),
+        Option(help="The folder of the manifest's paths; by default that of the manifest."),
     ] = None,
     phone_set: Annotated[
-        str | None, typer.Option(help="In place of the manifest's; needed without one.")
+        str | None, Option(help="In place of the manifest's; needed without one.")
     ] = None,
-    layout: Annotated[str | None, typer.Option(help="In place of the manifest's.")] = None,
+    layout: Annotated[str | None, Option(help="In place of the manifest's.")] = None,
     jobs: arguments.Jobs = 1,
     dask: arguments.Dask = None,
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="Convert again what an earlier run has converted.")
+        bool, Option("--fresh", help="Convert again what an earlier run has converted.")
     ] = False,
     as_json: AsJson = False,
     example: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--example",
             callback=_print_example,
             is_eager=True,
@@ -145,14 +133,12 @@ def _convert(
     in the same way is skipped, so that a run that was stopped goes on where it was. Every key of
     a manifest is explained by `mocap-fit convert --example`.
     """
-    from mocap_fit.processes import limit_threads
-
     arguments.check_workers(dask, jobs)
     limit_threads()
     from corpus_tools.cli import corpus_printing
     from corpus_tools.conversion.convert import convert as run
 
-    with corpus_printing.show_conversion_progress() as progress:
+    with display.show_batch_progress("converting utterances") as progress:
         report = run(
             manifest,
             root=root,
@@ -171,25 +157,20 @@ def _convert(
 
 
 def _align(
-    sounds: Annotated[
-        list[Path], typer.Argument(metavar="WAV", help="Sounds of speech.", readable=False)
-    ],
-    out: Annotated[Path, typer.Option(help="The folder for OUT/NAME.TextGrid.", readable=False)],
+    sounds: Annotated[list[Path], Argument(metavar="WAV", help="Sounds of speech.")],
+    out: Annotated[Path, Option(help="The folder for OUT/NAME.TextGrid.")],
     text: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             help="What is said: the text of one sound, a table NAME<tab>TEXT, or a folder with "
-            "NAME.txt; by default those beside the sounds.",
-            readable=False,
+            "NAME.txt; by default those beside the sounds."
         ),
     ] = None,
     dictionary: arguments.Dictionary = None,
     acoustic_model: Annotated[
-        Path | None, typer.Option(help="The folder of a model of pocketsphinx.", readable=False)
+        Path | None, Option(help="The folder of a model of pocketsphinx.")
     ] = None,
-    phone_set: Annotated[
-        str | None, typer.Option(help="What the model's phones are read as.")
-    ] = None,
+    phone_set: Annotated[str | None, Option(help="What the model's phones are read as.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Find when the phones of a known text are spoken: one TextGrid per sound."""
@@ -220,25 +201,21 @@ def _align(
 def _select_sentences(
     text: Annotated[
         Path,
-        typer.Argument(
-            metavar="TEXT",
-            help="A sentence per line (with --dictionary), or SENTENCE<tab>PHONES.",
-            readable=False,
+        Argument(
+            metavar="TEXT", help="A sentence per line (with --dictionary), or SENTENCE<tab>PHONES."
         ),
     ],
-    count: Annotated[int, typer.Option(min=1, help="How many sentences.")] = 287,
-    out: Annotated[
-        Path, typer.Option(help="The folder for sentences and coverage.", readable=False)
-    ] = Path("sentences"),
+    count: Annotated[int, Option(min=1, help="How many sentences.")] = 287,
+    out: Annotated[Path, Option(help="The folder for sentences and coverage.")] = Path("sentences"),
     dictionary: arguments.Dictionary = None,
     phone_set: Annotated[
-        str | None, typer.Option(help="Symbols that it does not have are an error.")
+        str | None, Option(help="Symbols that it does not have are an error.")
     ] = None,
     stress: Annotated[
-        bool, typer.Option("--stress", help="Count a stressed vowel as another phone.")
+        bool, Option("--stress", help="Count a stressed vowel as another phone.")
     ] = False,
-    shortest: Annotated[int, typer.Option(min=1, help="Fewest words of a sentence.")] = 1,
-    longest: Annotated[int, typer.Option(min=1, help="Most words of a sentence.")] = 1000,
+    shortest: Annotated[int, Option(min=1, help="Fewest words of a sentence.")] = 1,
+    longest: Annotated[int, Option(min=1, help="Most words of a sentence.")] = 1000,
     as_json: AsJson = False,
 ) -> None:
     """Select the sentences of a text that cover the most triphones."""
@@ -262,36 +239,32 @@ def _select_sentences(
 
 
 def _simulate(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="A new folder.", readable=False)],
-    utterances: Annotated[int, typer.Option(min=1, help="How many sentences.")] = 287,
-    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same files.")] = 0,
-    lang: Annotated[
-        str | None, typer.Option(help="The language: sv (the default), cs or en.")
-    ] = None,
+    out: Annotated[Path, Argument(metavar="OUT", help="A new folder.")],
+    utterances: Annotated[int, Option(min=1, help="How many sentences.")] = 287,
+    seed: Annotated[int, Option(min=0, help="The same seed gives the same files.")] = 0,
+    lang: Annotated[str | None, Option(help="The language: sv (the default), cs or en.")] = None,
     durations: Annotated[
         str | None,
-        typer.Option(help="Phone times and sound: model (the default), or espeak (espeak-ng)."),
+        Option(help="Phone times and sound: model (the default), or espeak (espeak-ng)."),
     ] = None,
     layout: arguments.Layout = "face30-head5",
     duration: Annotated[
         float | None,
-        typer.Option(min=0.1, help="No sentences: free gestures in recordings of this length (s)."),
+        Option(min=0.1, help="No sentences: free gestures in recordings of this length (s)."),
     ] = None,
-    rate: Annotated[float, typer.Option(min=1, help="Frames per second (Hz).")] = 60.0,
-    noise: Annotated[float, typer.Option(min=0, help="Noise of a coordinate (mm).")] = 0.3,
+    rate: Annotated[float, Option(min=1, help="Frames per second (Hz).")] = 60.0,
+    noise: Annotated[float, Option(min=0, help="Noise of a coordinate (mm).")] = 0.3,
     drop_outs: Annotated[
-        float, typer.Option(min=0, max=0.8, help="Share of the samples that are lost.")
+        float, Option(min=0, max=0.8, help="Share of the samples that are lost.")
     ] = 0.05,
-    head_shift: Annotated[float, typer.Option(min=0, help="Largest head shift (mm).")] = 30.0,
-    head_turn: Annotated[
-        float, typer.Option(min=0, max=80, help="Largest head turn (degrees).")
-    ] = 20.0,
+    head_shift: Annotated[float, Option(min=0, help="Largest head shift (mm).")] = 30.0,
+    head_turn: Annotated[float, Option(min=0, max=80, help="Largest head turn (degrees).")] = 20.0,
     other_speaker: Annotated[
-        bool, typer.Option("--other-speaker", help="A head of another size and other proportions.")
+        bool, Option("--other-speaker", help="A head of another size and other proportions.")
     ] = False,
     drift: Annotated[
         float,
-        typer.Option(
+        Option(
             min=-1000,
             max=1000,
             help="How much faster the frames are than the files say, on the sound's clock "
@@ -309,7 +282,7 @@ def _simulate(
 
     spoken = simulation.Spoken(
         arguments.check_choice(lang or "sv", simulation.list_languages(), "--lang"),
-        arguments.check_choice(durations or "model", simulation.DURATIONS, "--durations"),  # type: ignore[arg-type]
+        arguments.check_choice(durations or "model", simulation.DURATIONS, "--durations"),
         drift,
     )
     conditions = simulation.Conditions(
@@ -333,16 +306,11 @@ def _simulate(
         )
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to an application.
-
-    Parameters
-    ----------
-    app
-        The application.
-    """
-    app.command("simulate")(_simulate)
-    app.command("fit")(_fit)
-    app.command("convert")(_convert)
-    app.command("align")(_align)
-    app.command("select-sentences")(_select_sentences)
+COMMANDS = {
+    "simulate": _simulate,
+    "fit": _fit,
+    "convert": _convert,
+    "align": _align,
+    "select-sentences": _select_sentences,
+}
+"""Functions by the names of their commands."""

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from corpus_tools.batch import BatchProgress
+from corpus_tools.batch import ItemResult
 from corpus_tools.cli import console, display
 from corpus_tools.conversion.align import AlignReport
 from corpus_tools.conversion.fit import FitReport
 from corpus_tools.conversion.report import ConversionReport, list_names
 from corpus_tools.conversion.select_sentences import SelectionReport
-
-_Progress = Callable[[BatchProgress], None]
 
 _COLUMNS = {
     "frames": "frames",
@@ -32,46 +29,18 @@ _LISTED = 20
 _WORDS = 10
 
 
-@contextlib.contextmanager
-def show_fit_progress() -> Iterator[_Progress]:
-    """Show the progress of a fit, and print warnings and errors in the order of the recordings.
+def print_fit_result(result: ItemResult) -> None:
+    """Print the warnings and the error of a recording.
 
-    Yields
-    ------
-    Callable
-        To be called with the state of the batch.
+    Parameters
+    ----------
+    result
+        What came of the recording.
     """
-    with display.show_batch_progress("fitting recordings") as show:
-
-        def show_results(state: BatchProgress) -> None:
-            for result in state.results:
-                for line in result.warnings:
-                    console.say(f"warning: {result.name}: {line}")
-                console.print_traceback(result.traceback)
-                if result.error is not None:
-                    console.say(f"error: {result.error}")
-            show(state)
-
-        yield show_results
-
-
-@contextlib.contextmanager
-def show_conversion_progress() -> Iterator[_Progress]:
-    """Show the progress of a conversion, and tracebacks while debugging.
-
-    Yields
-    ------
-    Callable
-        To be called with the state of the batch.
-    """
-    with display.show_batch_progress("converting utterances") as show:
-
-        def show_results(state: BatchProgress) -> None:
-            for result in state.results:
-                console.print_traceback(result.traceback)
-            show(state)
-
-        yield show_results
+    for line in result.warnings:
+        console.say(f"warning: {result.name}: {line}")
+    if result.error is not None:
+        console.say(f"error: {result.error}")
 
 
 def print_fit(report: FitReport) -> None:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from corpus_tools.batch import BatchProgress
+    from corpus_tools.batch import BatchProgress, ItemResult
 
 ReportT = TypeVar("ReportT", bound="Report")
 
@@ -181,13 +181,19 @@ def show_progress() -> Iterator[TaskProgress]:
 
 
 @contextlib.contextmanager
-def show_batch_progress(task: str) -> Iterator[Callable[[BatchProgress], None]]:
+def show_batch_progress(
+    task: str, print_result: Callable[[ItemResult], object] | None = None
+) -> Iterator[Callable[[BatchProgress], None]]:
     """Show how far a batch is, on stderr: items, frames, frames per second, time left.
+
+    While debugging, the tracebacks of its errors are shown too.
 
     Parameters
     ----------
     task
         What is being done to what, such as ``fitting recordings``.
+    print_result
+        Called with each result, in the order of the items; None to print nothing of them.
 
     Yields
     ------
@@ -197,6 +203,10 @@ def show_batch_progress(task: str) -> Iterator[Callable[[BatchProgress], None]]:
     with _draw() as draw:
 
         def show(state: BatchProgress) -> None:
+            for result in state.results:
+                console.print_traceback(result.traceback)
+                if print_result is not None:
+                    print_result(result)
             console.stop_if_interrupted()
             complete = state.finished == state.total
             draw(task, state.share, format_batch_progress(state), "", complete)

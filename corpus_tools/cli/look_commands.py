@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from corpus_tools.cli import console, display
-from corpus_tools.cli.arguments import AsJson
+from corpus_tools.cli.arguments import Argument, AsJson, Option
 from corpus_tools.cli.console import Status
+from mocap_fit.processes import limit_threads
 
 if TYPE_CHECKING:
     from mocap_fit.errors import MocapFitError
@@ -18,17 +19,12 @@ if TYPE_CHECKING:
 
 def _demo(
     out: Annotated[
-        Path,
-        typer.Option(
-            help="A new folder, or that of a former demo, which is replaced.", readable=False
-        ),
+        Path, Option(help="A new folder, or that of a former demo, which is replaced.")
     ] = Path("mocap-fit-demo"),
-    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same numbers.")] = 0,
+    seed: Annotated[int, Option(min=0, help="The same seed gives the same numbers.")] = 0,
     as_json: AsJson = False,
 ) -> None:
     """Run the whole path on recordings that it makes itself: fit, train, score, talk."""
-    from mocap_fit.processes import limit_threads
-
     limit_threads()
     from corpus_tools.cli import demo_printing
     from corpus_tools.demonstration.demo import demo as run
@@ -41,28 +37,21 @@ def _demo(
 def _info(
     files: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="FILE",
-            help="Recordings, labels, sound, trained models, corpora.",
-            readable=False,
-        ),
+        Argument(metavar="FILE", help="Recordings, labels, sound, trained models, corpora."),
     ],
     tree: Annotated[
-        str | None, typer.Option(metavar="PHONE/PARAMETER", help="Show a tree of a CART model.")
+        str | None, Option(metavar="PHONE/PARAMETER", help="Show a tree of a CART model.")
     ] = None,
-    svg: Annotated[
-        Path | None, typer.Option(help="Draw the tree into this file (SVG).", readable=False)
-    ] = None,
+    svg: Annotated[Path | None, Option(help="Draw the tree into this file (SVG).")] = None,
     explain: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             metavar="PHONES",
             help="Labels, or phones of a corpus: what decided their targets in a CART model.",
-            readable=False,
         ),
     ] = None,
     questions: Annotated[
-        bool, typer.Option("--questions", help="How much each question of a CART model matters.")
+        bool, Option("--questions", help="How much each question of a CART model matters.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -92,27 +81,23 @@ def _info(
 def _validate(
     paths: Annotated[
         list[Path] | None,
-        typer.Argument(
+        Argument(
             metavar="PATH",
             help="Corpora, folders, recordings, labels, sound; files of one name belong together.",
-            readable=False,
         ),
     ] = None,
     thresholds: Annotated[
-        Path | None,
-        typer.Option(help="A TOML file that changes what counts as wrong.", readable=False),
+        Path | None, Option(help="A TOML file that changes what counts as wrong.")
     ] = None,
-    html: Annotated[
-        Path | None, typer.Option(help="A page with the report and pictures.", readable=False)
-    ] = None,
+    html: Annotated[Path | None, Option(help="A page with the report and pictures.")] = None,
     layout: Annotated[
-        str | None, typer.Option(help="The marker layout: a shipped name, or a TOML file.")
+        str | None, Option(help="The marker layout: a shipped name, or a TOML file.")
     ] = None,
     phone_set: Annotated[
-        str | None, typer.Option(help="The phone set: a shipped name, or a TOML file.")
+        str | None, Option(help="The phone set: a shipped name, or a TOML file.")
     ] = None,
     load_codes: Annotated[
-        bool, typer.Option("--codes", help="List all that can be found, and end.")
+        bool, Option("--codes", help="List all that can be found, and end.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -145,14 +130,5 @@ def _validate(
     raise typer.Exit(Status.DONE if report.is_clean else Status.BAD_DATA)
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to an application.
-
-    Parameters
-    ----------
-    app
-        The application.
-    """
-    app.command("demo")(_demo)
-    app.command("info")(_info)
-    app.command("validate")(_validate)
+COMMANDS = {"demo": _demo, "info": _info, "validate": _validate}
+"""Functions by the names of their commands."""

@@ -10,46 +10,41 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from corpus_tools.cli import arguments, console, display
-from corpus_tools.cli.arguments import AsJson
+from corpus_tools.cli.arguments import Argument, AsJson, Option
+from mocap_fit.processes import limit_threads
 
 if TYPE_CHECKING:
     from corpus_tools.training.evaluate import EvaluationReport
     from corpus_tools.training.train import SweepReport, TrainReport
     from mocap_fit.control import ControlModel, LogEntry
 
-_Corpus = Annotated[
-    Path, typer.Argument(metavar="CORPUS", help="A corpus's folder.", readable=False)
-]
+_Corpus = Annotated[Path, Argument(metavar="CORPUS", help="A corpus's folder.")]
 # Seconds between two lines about a training.
 _PAUSE = 5.0
 
 
 def _train(
     corpus: _Corpus,
-    out: Annotated[
-        Path, typer.Option(help="The file of the trained model; a sweep's folder.", readable=False)
-    ],
-    model: Annotated[
-        str | None, typer.Option(help="The control model, such as cohen-massaro.")
-    ] = None,
+    out: Annotated[Path, Option(help="The file of the trained model; a sweep's folder.")],
+    model: Annotated[str | None, Option(help="The control model, such as cohen-massaro.")] = None,
     protocol: Annotated[
         str,
-        typer.Option(
+        Option(
             help="What decides when to stop: clean (a part of the training sentences) or paper "
             "(the test set, as in the paper)."
         ),
     ] = "clean",
     validation: Annotated[
-        float, typer.Option(min=0.01, max=0.9, help="The share that is held out (clean).")
+        float, Option(min=0.01, max=0.9, help="The share that is held out (clean).")
     ] = 0.1,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the draw of what is held out.")] = 0,
+    seed: Annotated[int, Option(min=0, help="Seed of the draw of what is held out.")] = 0,
     settings: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="A setting of the model; repeatable."),
+        Option("--set", metavar="KEY=VALUE", help="A setting of the model; repeatable."),
     ] = None,
     sweep: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--sweep-look-ahead",
             help="Train 16 networks that see 0 to 15 frames ahead, and compare their errors.",
         ),
@@ -57,8 +52,6 @@ def _train(
     as_json: AsJson = False,
 ) -> None:
     """Train a control model on the training part of a corpus."""
-    from mocap_fit.processes import limit_threads
-
     if sweep == (model is not None):
         raise typer.BadParameter("give --model or --sweep-look-ahead", param_hint="--model")
     limit_threads()
@@ -141,26 +134,22 @@ def _print_sweep(report: SweepReport) -> None:
 
 def _evaluate(
     corpus: _Corpus,
-    models: Annotated[
-        list[Path], typer.Argument(metavar="MODEL", help="Trained models.", readable=False)
-    ],
-    out: Annotated[Path, typer.Option(help="The folder for tables and figures.", readable=False)],
-    split: Annotated[str, typer.Option(help="What is scored; all: every utterance.")] = "test",
+    models: Annotated[list[Path], Argument(metavar="MODEL", help="Trained models.")],
+    out: Annotated[Path, Option(help="The folder for tables and figures.")],
+    split: Annotated[str, Option(help="What is scored; all: every utterance.")] = "test",
     face: arguments.Face = "built-in",
     utterance: Annotated[
-        str | None, typer.Option(help="The utterance whose trajectories are drawn.")
+        str | None, Option(help="The utterance whose trajectories are drawn.")
     ] = None,
-    parameter: Annotated[str | None, typer.Option(help="The parameter that is drawn.")] = None,
+    parameter: Annotated[str | None, Option(help="The parameter that is drawn.")] = None,
     landmarks: Annotated[
-        bool, typer.Option("--landmarks", help="Compare predicted faces with the markers as well.")
+        bool, Option("--landmarks", help="Compare predicted faces with the markers as well.")
     ] = False,
-    resamples: Annotated[int, typer.Option(min=100, help="Samples of the bootstrap.")] = 2000,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
+    resamples: Annotated[int, Option(min=100, help="Samples of the bootstrap.")] = 2000,
+    seed: Annotated[int, Option(min=0, help="Seed of the bootstrap.")] = 0,
     as_json: AsJson = False,
 ) -> None:
     """Score trained control models on held-out utterances; write tables, figures, one page."""
-    from mocap_fit.processes import limit_threads
-
     limit_threads()
     from corpus_tools.training.evaluate import evaluate as run
 
@@ -198,13 +187,5 @@ def _print_evaluation(report: EvaluationReport) -> None:
     display.print_lines("Written:", *(f"  {path}" for path in report.files))
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to an application.
-
-    Parameters
-    ----------
-    app
-        The application.
-    """
-    app.command("train")(_train)
-    app.command("evaluate")(_evaluate)
+COMMANDS = {"train": _train, "evaluate": _evaluate}
+"""Functions by the names of their commands."""

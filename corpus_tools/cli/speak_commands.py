@@ -5,104 +5,93 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from corpus_tools.cli import arguments, display
-from corpus_tools.cli.arguments import AsJson
+from corpus_tools.cli.arguments import Argument, AsJson, Option
+from mocap_fit.processes import limit_threads
 
-_VIEWS = ("front", "three-quarter", "side")
+if TYPE_CHECKING:
+    from mocap_fit.render.scene import View
+
+_VIEWS: tuple[View, ...] = ("front", "three-quarter", "side")
 _Model = Annotated[
     list[str] | None,
-    typer.Option(
+    Option(
         "--model",
         metavar="FILE|NAME",
         help="A trained model, or a kind: rule-based, cohen-massaro, …; repeatable: side by side.",
     ),
 ]
 _Language = Annotated[
-    str, typer.Option("--lang", help="sv, cs, en, or any voice of espeak-ng, such as de.")
+    str, Option("--lang", help="sv, cs, en, or any voice of espeak-ng, such as de.")
 ]
 
 
 def _speak(
-    text: Annotated[str | None, typer.Argument(metavar="TEXT", help="What is said.")] = None,
+    text: Annotated[str | None, Argument(metavar="TEXT", help="What is said.")] = None,
     out: Annotated[
-        Path | None,
-        typer.Option(help="FILE.mp4, FILE.gif, or a new folder for PNG pictures.", readable=False),
+        Path | None, Option(help="FILE.mp4, FILE.gif, or a new folder for PNG pictures.")
     ] = None,
-    labels: Annotated[
-        Path | None, typer.Option(help="Labelled phones instead of a text.", readable=False)
-    ] = None,
+    labels: Annotated[Path | None, Option(help="Labelled phones instead of a text.")] = None,
     tracks: Annotated[
-        Path | None,
-        typer.Option(help="Measured tracks; with --labels and --model beside.", readable=False),
+        Path | None, Option(help="Measured tracks; with --labels and --model beside.")
     ] = None,
-    audio: Annotated[
-        Path | None, typer.Option(help="The wav file of labels or tracks.", readable=False)
-    ] = None,
+    audio: Annotated[Path | None, Option(help="The wav file of labels or tracks.")] = None,
     language: _Language = "",
     model: _Model = None,
     nearest: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--nearest",
             help="Let models of another phone set say the nearest sounds that they know.",
         ),
     ] = False,
     phone_set: Annotated[
-        str | None, typer.Option(help="What the labels are written in: a name or a file.")
+        str | None, Option(help="What the labels are written in: a name or a file.")
     ] = None,
-    tier: Annotated[str | None, typer.Option(help="The tier of the phones.")] = None,
-    speed: Annotated[float, typer.Option(help="Words per minute.")] = 160.0,
-    rate: Annotated[float, typer.Option(min=1, max=240, help="Frames per second.")] = 25.0,
+    tier: Annotated[str | None, Option(help="The tier of the phones.")] = None,
+    speed: Annotated[float, Option(help="Words per minute.")] = 160.0,
+    rate: Annotated[float, Option(min=1, max=240, help="Frames per second.")] = 25.0,
     view: Annotated[
-        list[str] | None,
-        typer.Option(metavar="VIEW", help="front, three-quarter or side; repeatable."),
+        list[str] | None, Option(metavar="VIEW", help="front, three-quarter or side; repeatable.")
     ] = None,
-    size: Annotated[int, typer.Option(min=64, max=4096, help="Pixels each way of a head.")] = 640,
-    zoom: Annotated[float, typer.Option(min=0.2, max=20, help="Above 1.3 is closer.")] = 1.3,
+    size: Annotated[int, Option(min=64, max=4096, help="Pixels each way of a head.")] = 640,
+    zoom: Annotated[float, Option(min=0.2, max=20, help="Above 1.3 is closer.")] = 1.3,
     subtitles: Annotated[
-        bool, typer.Option("--subtitles", help="Write the phones under the heads.")
+        bool, Option("--subtitles", help="Write the phones under the heads.")
     ] = False,
     curves: Annotated[
-        bool, typer.Option("--curves", help="Let the parameters' curves run along below.")
+        bool, Option("--curves", help="Let the parameters' curves run along below.")
     ] = False,
-    blinks: Annotated[bool, typer.Option("--blinks", help="Let the eyes blink.")] = False,
+    blinks: Annotated[bool, Option("--blinks", help="Let the eyes blink.")] = False,
     head_motion: Annotated[
-        bool, typer.Option("--head-motion", help="Let the head move a little.")
+        bool, Option("--head-motion", help="Let the head move a little.")
     ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of blinks and head motion.")] = 0,
+    seed: Annotated[int, Option(min=0, help="Seed of blinks and head motion.")] = 0,
     markers: Annotated[
-        Path | None,
-        typer.Option(
-            help="A recording, drawn over the head; with --reference and --layout.", readable=False
-        ),
+        Path | None, Option(help="A recording, drawn over the head; with --reference and --layout.")
     ] = None,
-    reference: Annotated[
-        Path | None, typer.Option(help="The reference pose of --markers.", readable=False)
-    ] = None,
-    layout: Annotated[str | None, typer.Option(help="The marker layout of --markers.")] = None,
+    reference: Annotated[Path | None, Option(help="The reference pose of --markers.")] = None,
+    layout: Annotated[str | None, Option(help="The marker layout of --markers.")] = None,
     face: arguments.Face = "built-in",
-    keep: Annotated[
-        Path | None, typer.Option(help="A folder for tracks, labels, sound.", readable=False)
-    ] = None,
+    keep: Annotated[Path | None, Option(help="A folder for tracks, labels, sound.")] = None,
     jobs: Annotated[
-        int, typer.Option(min=0, help="Processes that draw; 0 for as many as are worth it.")
+        int, Option(min=0, help="Processes that draw; 0 for as many as are worth it.")
     ] = 0,
     prepare: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--prepare", help="Train and save the models of --lang and --model (by default all)."
         ),
     ] = False,
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="With --prepare: train again what is saved already.")
+        bool, Option("--fresh", help="With --prepare: train again what is saved already.")
     ] = False,
     check: Annotated[
-        bool,
-        typer.Option("--check", help="With --prepare: score them on simulated test sentences."),
+        bool, Option("--check", help="With --prepare: score them on simulated test sentences.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -111,8 +100,6 @@ def _speak(
     Models that are named by their kind are trained on simulated sentences of the language when
     they are first used, and saved; `mocap-fit speak --prepare` trains them all beforehand.
     """
-    from mocap_fit.processes import limit_threads
-
     limit_threads()
     from corpus_tools.cli import speak_printing
     from corpus_tools.talking import speak as speaking
@@ -146,7 +133,7 @@ def _speak(
     look = speaking.Look(
         rate,
         (size, size),
-        views,  # type: ignore[arg-type]
+        views,
         zoom,
         subtitles,
         curves,
@@ -173,13 +160,10 @@ def _speak(
 
 
 def _stream(
-    model: Annotated[
-        str, typer.Option(metavar="FILE|NAME", help="A trained model, or a kind of model.")
-    ],
+    model: Annotated[str, Option(metavar="FILE|NAME", help="A trained model, or a kind of model.")],
     language: _Language = "en",
     rate: Annotated[
-        float | None,
-        typer.Option(min=1, max=1000, help="Frames per second; by default the model's."),
+        float | None, Option(min=1, max=1000, help="Frames per second; by default the model's.")
     ] = None,
 ) -> None:
     """Read phones from stdin, write frames to stdout as soon as they are certain.
@@ -198,15 +182,12 @@ def _stream(
 
 
 def _export(
-    tracks: Annotated[
-        Path, typer.Argument(metavar="TRACKS", help="Face parameters (Parquet).", readable=False)
-    ],
-    to: Annotated[str, typer.Option(help="gltf, fap or csv.")],
-    out: Annotated[Path, typer.Option(help="The file.", readable=False)],
+    tracks: Annotated[Path, Argument(metavar="TRACKS", help="Face parameters (Parquet).")],
+    to: Annotated[str, Option(help="gltf, fap or csv.")],
+    out: Annotated[Path, Option(help="The file.")],
     face: arguments.Face = "built-in",
     rate: Annotated[
-        float | None,
-        typer.Option(min=1, max=240, help="Frames per second; by default the tracks'."),
+        float | None, Option(min=1, max=240, help="Frames per second; by default the tracks'.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -214,19 +195,10 @@ def _export(
     from corpus_tools.cli import speak_printing
     from corpus_tools.talking import export as exporting
 
-    format_name = arguments.check_choice(to, exporting.FORMATS, "--to")
-    report = exporting.export(tracks, format_name, out, face=face, rate=rate)  # type: ignore[arg-type]
+    to_format = arguments.check_choice(to, exporting.FORMATS, "--to")
+    report = exporting.export(tracks, to_format, out, face=face, rate=rate)
     display.print_report(report, speak_printing.print_export, as_json=as_json)
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to an application.
-
-    Parameters
-    ----------
-    app
-        The application.
-    """
-    app.command("speak")(_speak)
-    app.command("stream")(_stream)
-    app.command("export")(_export)
+COMMANDS = {"speak": _speak, "stream": _stream, "export": _export}
+"""Functions by the names of their commands."""
