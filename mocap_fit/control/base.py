@@ -22,19 +22,11 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from mocap_fit.control.model_file import write_model_file
-from mocap_fit.control.settings import (
-    check_settings,
-    describe_settings,
-    get_settings,
-    to_json,
-)
+from mocap_fit.control.settings import check_settings, describe_settings, get_settings, to_json
 from mocap_fit.control.single_thread import limit_to_one_thread
 from mocap_fit.control.streaming import Stream, WindowStream
 from mocap_fit.corpus import Corpus
-from mocap_fit.errors import (
-    DataError,
-    RegistryError,
-)
+from mocap_fit.errors import DataError, RegistryError
 from mocap_fit.phones import PhoneSequence, PhoneSet
 from mocap_fit.registry import Registry
 from mocap_fit.tracks import FloatArray, ParameterTracks
@@ -104,11 +96,7 @@ class ControlModel(abc.ABC):
 
     @abc.abstractmethod
     def _fit(
-        self,
-        corpus: Corpus,
-        validation: Corpus | None,
-        progress: Progress,
-        checkpoint: Path | None,
+        self, corpus: Corpus, validation: Corpus | None, progress: Progress, checkpoint: Path | None
     ) -> None:
         """Learn from a corpus; the settings are checked and the attributes above are set.
 

@@ -38,11 +38,7 @@ class Mean(ControlModel):
     title: ClassVar[str] = "Mean"
 
     def _fit(
-        self,
-        corpus: Corpus,
-        validation: Corpus | None,
-        progress: Progress,
-        checkpoint: Path | None,
+        self, corpus: Corpus, validation: Corpus | None, progress: Progress, checkpoint: Path | None
     ) -> None:
         values = [utterance.read_tracks().values for utterance in corpus]
         self.mean_: FloatArray = compute_means(np.concatenate(values))

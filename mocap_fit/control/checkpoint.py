@@ -105,9 +105,7 @@ class Checkpoint:
             write_model_file(self._header, self._parts, self._path)
 
 
-def _iterate_arrays(
-    data: Sequence[Sequence[TrainingUtterance]],
-) -> Iterator[np.ndarray[Any, Any]]:
+def _iterate_arrays(data: Sequence[Sequence[TrainingUtterance]]) -> Iterator[np.ndarray[Any, Any]]:
     for part in data:
         yield np.array([len(part)])
         for each in part:

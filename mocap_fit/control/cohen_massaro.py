@@ -28,10 +28,7 @@ _UNIT = 0.1
 # Logarithms of alpha, theta, phi and c at the start, and the bounds of
 _START = (0.0, 0.3, 0.3, 0.2)
 # a target and of those four.
-_BOUNDS = (
-    (-math.inf, -12.0, -8.0, -8.0, -1.6),
-    (math.inf, 12.0, 6.0, 6.0, 1.4),
-)
+_BOUNDS = ((-math.inf, -12.0, -8.0, -8.0, -1.6), (math.inf, 12.0, 6.0, 6.0, 1.4))
 _FRAMES_AT_ONCE = 4096
 
 

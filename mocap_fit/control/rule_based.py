@@ -101,11 +101,7 @@ class RuleBased(ControlModel):
         return self
 
     def _fit(
-        self,
-        corpus: Corpus,
-        validation: Corpus | None,
-        progress: Progress,
-        checkpoint: Path | None,
+        self, corpus: Corpus, validation: Corpus | None, progress: Progress, checkpoint: Path | None
     ) -> None:
         self.table_ = load_rules(corpus.phone_set, self.rules)
 

@@ -47,11 +47,7 @@ class SymbolModel(ControlModel):
     stress: bool = True
 
     def _fit(
-        self,
-        corpus: Corpus,
-        validation: Corpus | None,
-        progress: Progress,
-        checkpoint: Path | None,
+        self, corpus: Corpus, validation: Corpus | None, progress: Progress, checkpoint: Path | None
     ) -> None:
         check_phone_set(corpus, self.phone_set)
         self.symbols_: Symbols = Symbols.from_corpus(corpus, self.stress)

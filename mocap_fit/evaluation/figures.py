@@ -168,11 +168,7 @@ def plot_trajectories(
     margin = 0.06 * max(high - low, 1e-3)
     rows = len(predictions)
     figure, axes = create_figure(
-        (10.0, 1.25 * rows + 1.3),
-        rows + 1,
-        1,
-        sharex=True,
-        height_ratios=[1.0] * rows + [0.28],
+        (10.0, 1.25 * rows + 1.3), rows + 1, 1, sharex=True, height_ratios=[1.0] * rows + [0.28]
     )
     for i, (name, values) in enumerate(predictions.items()):
         axis: Axes = axes[i, 0]

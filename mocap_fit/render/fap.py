@@ -72,11 +72,7 @@ def measure_faps(
 
 
 def write_fap(
-    tracks: ParameterTracks,
-    path: str | os.PathLike[str],
-    rig: Rig,
-    *,
-    rate: float | None = None,
+    tracks: ParameterTracks, path: str | os.PathLike[str], rig: Rig, *, rate: float | None = None
 ) -> int:
     """Write a movement as a FAP file.
 

@@ -26,11 +26,7 @@ _VERTICES, _INDICES = 34962, 34963
 
 
 def write_gltf(
-    tracks: ParameterTracks,
-    path: str | os.PathLike[str],
-    rig: Rig,
-    *,
-    rate: float | None = None,
+    tracks: ParameterTracks, path: str | os.PathLike[str], rig: Rig, *, rate: float | None = None
 ) -> BlendShapes:
     """Write a talking head as binary glTF.
 

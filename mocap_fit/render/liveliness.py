@@ -26,16 +26,8 @@ _SHIFTS = (0.6, 0.5, 0.8)
 # The lids of one eye: middle of the upper and of the lower lid, outer and inner corner, the fold
 # above the upper lid, the pupil; the regions that follow the upper lid; the ball.
 _EYES = (
-    (
-        ("3.1", "3.3", "3.7", "3.11", "3.13", "3.5"),
-        ("eyelids_left", "lashes_left"),
-        "eye_left",
-    ),
-    (
-        ("3.2", "3.4", "3.12", "3.8", "3.14", "3.6"),
-        ("eyelids_right", "lashes_right"),
-        "eye_right",
-    ),
+    (("3.1", "3.3", "3.7", "3.11", "3.13", "3.5"), ("eyelids_left", "lashes_left"), "eye_left"),
+    (("3.2", "3.4", "3.12", "3.8", "3.14", "3.6"), ("eyelids_right", "lashes_right"), "eye_right"),
 )
 # Millimetres: from the pupil back to the centre of rotation, and from the ball to a lowered lid.
 _EYE_RADIUS = 12.3

@@ -18,13 +18,7 @@ from mocap_fit.phones import PhoneSequence
 from mocap_fit.render.liveliness import draw_liveliness
 from mocap_fit.render.movie_file import MovieFile, check_frame_rate, cut_sound, get_movie_kind
 from mocap_fit.render.pictures import Image
-from mocap_fit.render.running_strip import (
-    Curve,
-    RunningStrip,
-    draw_text,
-    select_moving,
-    to_curves,
-)
+from mocap_fit.render.running_strip import Curve, RunningStrip, draw_text, select_moving, to_curves
 from mocap_fit.render.sampling import sample_parameters
 from mocap_fit.render.scene import View
 from mocap_fit.render.talking import Talk, draw_frames

@@ -19,12 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mocap_fit.errors import (
-    ConfigurationError,
-    DataError,
-    MissingExtraError,
-    add_path,
-)
+from mocap_fit.errors import ConfigurationError, DataError, MissingExtraError, add_path
 from mocap_fit.io.text import check_file
 from mocap_fit.phones import PhoneSegment, PhoneSequence, PhoneSet, load_phone_set, normalise_phones
 from mocap_fit.sound import read_sound

@@ -32,10 +32,7 @@ GROUPS = (
     "consonant",
 )
 #: The larger group that each of them belongs to.
-KIND_OF_GROUP = dict.fromkeys(GROUPS, "consonant") | {
-    "no_speech": "no_speech",
-    "vowel": "vowel",
-}
+KIND_OF_GROUP = dict.fromkeys(GROUPS, "consonant") | {"no_speech": "no_speech", "vowel": "vowel"}
 # Levels are bytes: none, the phones, and a level for each group.
 _MAX_PHONES = 255 - len(GROUPS)
 

@@ -18,13 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_fit.control.cart.arrays import (
-    Nodes,
-    QuestionTable,
-    Rules,
-    Sample,
-    allocate_nodes,
-)
+from mocap_fit.control.cart.arrays import Nodes, QuestionTable, Rules, Sample, allocate_nodes
 from mocap_fit.control.cart.kernel import grow_and_prune
 from mocap_fit.tracks import FloatArray
 

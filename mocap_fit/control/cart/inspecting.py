@@ -102,11 +102,7 @@ class Reason:
 
 
 def explain_targets(
-    model: Cart,
-    phones: PhoneSequence,
-    *,
-    segment: int | None = None,
-    parameter: str | None = None,
+    model: Cart, phones: PhoneSequence, *, segment: int | None = None, parameter: str | None = None
 ) -> tuple[Reason, ...]:
     """Explain the targets of an utterance.
 

@@ -38,14 +38,7 @@ from mocap_fit.control.cart.questions import (
     read_questions,
 )
 from mocap_fit.control.cart.stream import CentreStream
-from mocap_fit.control.cart.tree import (
-    Forest,
-    Selection,
-    Tree,
-    TreeKey,
-    pack_trees,
-    unpack_trees,
-)
+from mocap_fit.control.cart.tree import Forest, Selection, Tree, TreeKey, pack_trees, unpack_trees
 from mocap_fit.control.streaming import Stream
 from mocap_fit.corpus import Corpus
 from mocap_fit.errors import DataError, from_os_error
@@ -179,11 +172,7 @@ class Cart(ControlModel):
     # -- learning ------------------------------------------------------------------------------
 
     def _fit(
-        self,
-        corpus: Corpus,
-        validation: Corpus | None,
-        progress: Progress,
-        checkpoint: Path | None,
+        self, corpus: Corpus, validation: Corpus | None, progress: Progress, checkpoint: Path | None
     ) -> None:
         check_closures(self.closures, self.parameter_names_)
         text, path = self._read_table()

@@ -196,11 +196,7 @@ class SymmetricNetworks(ControlModel):
         return Plan(**{name: getattr(self, name) for name in names})
 
     def _fit(
-        self,
-        corpus: Corpus,
-        validation: Corpus | None,
-        progress: Progress,
-        checkpoint: Path | None,
+        self, corpus: Corpus, validation: Corpus | None, progress: Progress, checkpoint: Path | None
     ) -> None:
         check_phone_set(corpus, self.phone_set)
         networks = self.networks

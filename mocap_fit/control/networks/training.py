@@ -172,10 +172,7 @@ class Training:
                 _store_training(self, checkpoint, fingerprint)
 
     def _iterate_batches(
-        self,
-        examples: Sequence[Example],
-        size: int,
-        generator: np.random.Generator | None = None,
+        self, examples: Sequence[Example], size: int, generator: np.random.Generator | None = None
     ) -> Iterator[tuple[Batch, NDArray[np.float32]]]:
         """Yield batches, and what the input layer sees of them."""
         for positions in split_into_batches(examples, size, generator):
