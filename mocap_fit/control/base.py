@@ -380,13 +380,7 @@ class ControlModel(abc.ABC):
             If the model is not trained, or the rate is not positive.
         """
         self._check_fitted()
-        return WindowStream(
-            self.predict_at,
-            self.rate_ if rate is None else rate,
-            len(self.parameter_names_),
-            self.look_ahead,
-            self.look_back,
-        )
+        return WindowStream(self, self.rate_ if rate is None else rate)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the trained model as one file of arrays and JSON, completely or not at all.

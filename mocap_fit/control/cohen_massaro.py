@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -182,12 +181,14 @@ class TrackResiduals:
     def __init__(
         self, data: Utterances, frames: Sequence[Frames], position: int, phones: int
     ) -> None:
+        from mocap_fit.control import dominance_kernel
+
         self.phones = phones
         columns = [each.values[:, position] for each in data]
         valid = [np.isfinite(values) for values in columns]
         self._parts = list(zip(frames, columns, valid, strict=True))
         self.count = int(sum(map(np.count_nonzero, valid)))
-        self._equations = _import_equations()
+        self._equations = dominance_kernel
 
     @property
     def std(self) -> float:
@@ -282,13 +283,3 @@ def _prepare_frames(utterance: TrainingUtterance) -> Frames:
     """Return the frames of an utterance with times in the unit of training."""
     centres = 0.5 * (utterance.phones.starts + utterance.phones.ends)
     return Frames.from_segments(utterance.positions, centres / _UNIT, utterance.times / _UNIT)
-
-
-@functools.cache
-def _import_equations() -> Any:
-    """Return the compiled equations, or without numba those of numpy, which are slower."""
-    try:
-        from mocap_fit.control import dominance_kernel
-    except ImportError:
-        return dominance
-    return dominance_kernel

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from mocap_fit.control.base import ControlModel, Progress
+from mocap_fit.control.base import Arrays, ControlModel, Progress
 from mocap_fit.control.rule_table import RuleTable, load_rules
 from mocap_fit.corpus import Corpus
 from mocap_fit.phones import (
@@ -113,9 +113,7 @@ class RuleBased(ControlModel):
     def _state(self) -> tuple[dict[str, Any], dict[str, np.ndarray[Any, Any]]]:
         return {}, {}
 
-    def _restore(
-        self, values: Mapping[str, Any], arrays: Mapping[str, np.ndarray[Any, Any]]
-    ) -> None:
+    def _restore(self, values: Mapping[str, Any], arrays: Arrays) -> None:
         self.table_ = load_rules(self.phone_set_, self.rules)
 
     def _predict(self, phones: PhoneSequence, times: FloatArray) -> FloatArray:

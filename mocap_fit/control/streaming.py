@@ -5,13 +5,16 @@ from __future__ import annotations
 import abc
 import dataclasses
 import math
-from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mocap_fit.errors import DataError
 from mocap_fit.phones import PhoneSegment, PhoneSequence
 from mocap_fit.tracks import FloatArray
+
+if TYPE_CHECKING:
+    from mocap_fit.control.base import ControlModel
 
 # A start that is earlier than the last end by less than this, in seconds, is at it.
 _ROUNDING = 1e-9
@@ -118,42 +121,28 @@ class WindowStream(Stream):
 
     Parameters
     ----------
-    predict_at
-        The method of the model.
+    model
+        A trained model.
     rate
         Frames per second, hertz.
-    parameters
-        Number of face parameters.
-    look_ahead
-        How far beyond a frame phones matter, seconds.
-    look_back
-        How far before a frame phones matter, seconds.
     """
 
-    def __init__(
-        self,
-        predict_at: Callable[[PhoneSequence, FloatArray], FloatArray],
-        rate: float,
-        parameters: int,
-        look_ahead: float,
-        look_back: float,
-    ) -> None:
-        super().__init__(rate, parameters)
-        self._predict_at = predict_at
-        self._look_ahead, self._look_back = look_ahead, look_back
+    def __init__(self, model: ControlModel, rate: float) -> None:
+        super().__init__(rate, len(model.parameter_names_))
+        self._model = model
         self._segments: list[PhoneSegment] = []
 
     def _add(self, segment: PhoneSegment) -> None:
         self._segments.append(segment)
 
     def _find_known_end(self) -> float:
-        return self._segments[-1].end - self._look_ahead
+        return self._segments[-1].end - self._model.look_ahead
 
     def _count_passed(self, time: float) -> int:
         """Return how many of the first segments do not matter from a time on."""
-        needed = time - self._look_back
+        needed = time - self._model.look_back
         return sum(segment.end < needed for segment in self._segments)
 
     def _compute(self, times: FloatArray) -> FloatArray:
         del self._segments[: self._count_passed(float(times[0]))]
-        return self._predict_at(PhoneSequence(tuple(self._segments)), times)
+        return self._model.predict_at(PhoneSequence(tuple(self._segments)), times)

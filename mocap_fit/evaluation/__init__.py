@@ -1,18 +1,11 @@
 """Evaluation of control models: error measures, tables, figures."""
 
-from mocap_fit.evaluation.closure import LipGaps, measure_gaps
-from mocap_fit.evaluation.evaluation import Difference, Evaluation, evaluate
-from mocap_fit.evaluation.landmarks import LandmarkScores, evaluate_landmarks
-from mocap_fit.evaluation.measures import DEFINITIONS, GROUPS
-
-__all__ = [
-    "DEFINITIONS",
-    "GROUPS",
-    "Difference",
-    "Evaluation",
-    "LandmarkScores",
-    "LipGaps",
-    "evaluate",
-    "evaluate_landmarks",
-    "measure_gaps",
-]
+from mocap_fit.evaluation.closure import LipGaps as LipGaps
+from mocap_fit.evaluation.closure import measure_gaps as measure_gaps
+from mocap_fit.evaluation.evaluation import Difference as Difference
+from mocap_fit.evaluation.evaluation import Evaluation as Evaluation
+from mocap_fit.evaluation.evaluation import evaluate as evaluate
+from mocap_fit.evaluation.landmarks import LandmarkScores as LandmarkScores
+from mocap_fit.evaluation.landmarks import evaluate_landmarks as evaluate_landmarks
+from mocap_fit.evaluation.measures import DEFINITIONS as DEFINITIONS
+from mocap_fit.evaluation.measures import GROUPS as GROUPS

@@ -14,7 +14,7 @@ import subprocess
 import tempfile
 from fractions import Fraction
 from pathlib import Path
-from typing import IO, Any, Literal
+from typing import IO, Literal
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from mocap_fit.render.pictures import Image, save_picture
 from mocap_fit.sound import Sound, write_sound
 
 MovieKind = Literal["mp4", "gif", "png"]
+_KINDS: dict[str, MovieKind] = {".mp4": "mp4", ".gif": "gif", "": "png"}
 
 # AAC works in blocks of 1024 samples. At these rates one is shorter than a picture.
 _SOUND_RATES = (44100, 48000)
@@ -55,18 +56,14 @@ def get_movie_kind(path: str | os.PathLike[str]) -> MovieKind:
         If it ends in something else.
     """
     ending = Path(path).suffix.lower()
-    if ending == ".mp4":
-        return "mp4"
-    if ending == ".gif":
-        return "gif"
-    if ending == "":
-        return "png"
-    raise ConfigurationError(
-        "movies are not written in this format",
-        path=path,
-        found=ending,
-        expected=".mp4, .gif, or a name without an ending for a folder of PNG pictures",
-    )
+    if ending not in _KINDS:
+        raise ConfigurationError(
+            "movies are not written in this format",
+            path=path,
+            found=ending,
+            expected=".mp4, .gif, or a name without an ending for a folder of PNG pictures",
+        )
+    return _KINDS[ending]
 
 
 def check_frame_rate(rate: float) -> float:
@@ -273,7 +270,8 @@ class MovieFile:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=self._messages,
-                **_suppress_window(),
+                # No window for a console program on Windows.
+                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
             )
         except OSError as error:
             raise MissingExtraError(
@@ -291,9 +289,8 @@ class MovieFile:
         if self._sound is None or not len(self._sound.samples):
             return None
         assert self._folder is not None
-        sound = _convert_for_aac(self._sound)
         path = self._folder / "sound.wav"
-        write_sound(sound, path)
+        write_sound(_convert_for_aac(self._sound), path)
         return path
 
     def _complete(self) -> None:
@@ -420,9 +417,3 @@ def _read_umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
-
-
-def _suppress_window() -> dict[str, Any]:
-    """Return the options that open no window for a console program on Windows."""
-    flags = getattr(subprocess, "CREATE_NO_WINDOW", 0)
-    return {"creationflags": flags} if flags else {}

@@ -291,13 +291,9 @@ def _add_panel(
     figure: Any, bottom: int, height: int, full_height: int, begin: float, end: float
 ) -> Any:
     axes = figure.add_axes((0, bottom / full_height, 1, height / full_height))
-    axes.set_xlim(begin, end)
-    axes.set_xticks([])
-    axes.set_yticks([])
-    for side in ("left", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("top", "bottom"):
-        axes.spines[side].set_color("0.85")
+    axes.set(xlim=(begin, end), xticks=[], yticks=[])
+    axes.spines[["left", "right"]].set_visible(False)
+    axes.spines[["top", "bottom"]].set_color("0.85")
     return axes
 
 

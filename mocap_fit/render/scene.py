@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from mocap_fit.errors import DataError, MissingExtraError
 from mocap_fit.face.mesh import IndexArray, Mesh
 from mocap_fit.render.lighting import Lighting
+from mocap_fit.render.pictures import Image
 from mocap_fit.tracks import FloatArray
 
-Image = NDArray[np.uint8]
 View = Literal["front", "three-quarter", "side"]
 Colour = tuple[float, float, float]
 

@@ -1,17 +1,11 @@
 """Talking heads from text, sound or phones: alignment, text to speech, face parameters."""
 
-from mocap_fit.synthesis.alignment import Aligner, align
-from mocap_fit.synthesis.from_phones import Frame, stream_frames, synthesise, to_model_phones
-from mocap_fit.synthesis.text_to_phones import SpokenText, TextSpeaker, speak_text
-
-__all__ = [
-    "Aligner",
-    "Frame",
-    "SpokenText",
-    "TextSpeaker",
-    "align",
-    "speak_text",
-    "stream_frames",
-    "synthesise",
-    "to_model_phones",
-]
+from mocap_fit.synthesis.alignment import Aligner as Aligner
+from mocap_fit.synthesis.alignment import align as align
+from mocap_fit.synthesis.from_phones import Frame as Frame
+from mocap_fit.synthesis.from_phones import stream_frames as stream_frames
+from mocap_fit.synthesis.from_phones import synthesise as synthesise
+from mocap_fit.synthesis.from_phones import to_model_phones as to_model_phones
+from mocap_fit.synthesis.text_to_phones import SpokenText as SpokenText
+from mocap_fit.synthesis.text_to_phones import TextSpeaker as TextSpeaker
+from mocap_fit.synthesis.text_to_phones import speak_text as speak_text

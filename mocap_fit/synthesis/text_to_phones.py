@@ -402,9 +402,7 @@ def _fill_silence(phones: PhoneSequence, silence: str, duration: float) -> Phone
             short = len(segments) > 1 and segment.start - before.start < _SHORTEST_PAUSE
             if segment.phone == silence or short:
                 segments.pop()
-                segment = PhoneSegment(
-                    before.start, segment.end, segment.phone, segment.stress, segment.word
-                )
+                segment = dataclasses.replace(segment, start=before.start)
         segments.append(segment)
     first, last = segments[0], segments[-1]
     if first.phone == silence:

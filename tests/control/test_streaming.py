@@ -1,6 +1,7 @@
 """Streams: when a frame is known, which phones are passed on, and what is refused."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,7 +26,10 @@ class Recorder:
 
 def begin(look_ahead, look_back=math.inf, rate=RATE):
     recorder = Recorder()
-    return recorder, WindowStream(recorder, rate, 2, look_ahead, look_back)
+    model = SimpleNamespace(
+        predict_at=recorder, parameter_names_="ab", look_ahead=look_ahead, look_back=look_back
+    )
+    return recorder, WindowStream(model, rate)
 
 
 def phone(start, end):

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from sheets import make_sheet
 
 from mocap_fit.errors import DataError, FileFormatError
-from mocap_fit.render import make_sheet, save_picture
+from mocap_fit.render import save_picture
 
 
 def picture(level: int, height: int = 60, width: int = 80) -> np.ndarray:

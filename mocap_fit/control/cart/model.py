@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveInt
 
-from mocap_fit.control.base import ControlModel, LogEntry, Progress
+from mocap_fit.control.base import Arrays, ControlModel, LogEntry, Progress
 from mocap_fit.control.cart.arrays import UNLIMITED, Rules
 from mocap_fit.control.cart.closures import Closure, check_closures, learn_closures
 from mocap_fit.control.cart.contexts import Alphabet, ContextReader, read_energies
-from mocap_fit.control.cart.curves import get_smoothing_reach, interpolate
+from mocap_fit.control.cart.curves import interpolate
 from mocap_fit.control.cart.examples import (
     TrainingSegments,
     collect,
@@ -432,14 +432,8 @@ class Cart(ControlModel):
             Phones are pushed, frames pulled.
         """
         self._check_fitted()
-        return CentreStream(
-            self.predict_at,
-            self.rate_ if rate is None else rate,
-            len(self.parameter_names_),
-            self.phones_ahead,
-            self._count_neighbours(-1) + 1,
-            get_smoothing_reach(self.smoothing),
-        )
+        behind = self._count_neighbours(-1) + 1
+        return CentreStream(self, self.rate_ if rate is None else rate, behind)
 
     # -- saving --------------------------------------------------------------------------------
 
@@ -457,9 +451,7 @@ class Cart(ControlModel):
         learned = {"resistant": reader.resistant, "pruning_curve": self.pruning_curve_}
         return values, {**arrays, **learned}
 
-    def _restore(
-        self, values: Mapping[str, Any], arrays: Mapping[str, np.ndarray[Any, Any]]
-    ) -> None:
+    def _restore(self, values: Mapping[str, Any], arrays: Arrays) -> None:
         alphabet = Alphabet(tuple(values["alphabet"]), self.phone_set_)
         questions = tuple(Question.from_dict(row) for row in values["questions"])
         resistant, names = arrays["resistant"], self.parameter_names_

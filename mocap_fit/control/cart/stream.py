@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from typing import TYPE_CHECKING
 
+from mocap_fit.control.cart.curves import get_smoothing_reach
 from mocap_fit.control.streaming import WindowStream
-from mocap_fit.phones import PhoneSequence
-from mocap_fit.tracks import FloatArray
+
+if TYPE_CHECKING:
+    from mocap_fit.control.cart.model import Cart
 
 
 class CentreStream(WindowStream):
@@ -15,32 +17,18 @@ class CentreStream(WindowStream):
 
     Parameters
     ----------
-    predict_at
-        The method of the model.
+    model
+        A trained model.
     rate
         Frames per second, hertz.
-    parameters
-        Number of face parameters.
-    phones_ahead
-        How many phones after a segment must be known for the curve to be known up to its centre.
     phones_behind
         How many phones before a segment matter for the curve after its centre.
-    reach
-        How far from a frame smoothing looks, seconds.
     """
 
-    def __init__(
-        self,
-        predict_at: Callable[[PhoneSequence, FloatArray], FloatArray],
-        rate: float,
-        parameters: int,
-        phones_ahead: int,
-        phones_behind: int,
-        reach: float,
-    ) -> None:
-        super().__init__(predict_at, rate, parameters, math.inf, math.inf)
-        self._phones_ahead, self._phones_behind = phones_ahead, phones_behind
-        self._reach = reach
+    def __init__(self, model: Cart, rate: float, phones_behind: int) -> None:
+        super().__init__(model, rate)
+        self._phones_ahead, self._phones_behind = model.phones_ahead, phones_behind
+        self._reach = get_smoothing_reach(model.smoothing)
 
     def _find_known_end(self) -> float:
         last = len(self._segments) - 1 - self._phones_ahead

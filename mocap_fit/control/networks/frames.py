@@ -108,7 +108,6 @@ class RunningNetworks:
             np.zeros((networks.delays + _ROW) * size, np.float64) for size in networks.hidden
         ]
         self._at = 0
-        self._units = np.zeros(len(networks.bias))
         self._next = -count_lead(networks.ahead)
         self._output = np.zeros(networks.parameters)
 

@@ -135,7 +135,8 @@ def sweep_look_ahead(
     scale = Scale.from_examples(data)
     training = Training(networks, model.plan, model.delays, data, judged, scale)
     with limit_to_one_thread():
-        training.run(progress or _ignore, None if checkpoint is None else Path(checkpoint))
+        path = None if checkpoint is None else Path(checkpoint)
+        training.run(progress or (lambda entry: None), path)
     return tuple(
         _find_best(training.log, network.name, ahead)
         for network, ahead in zip(networks, steps, strict=True)
@@ -163,7 +164,3 @@ def _find_best(log: Sequence[LogEntry], name: str, ahead: int) -> SweepPoint:
     ]
     error, epoch = min(errors)
     return SweepPoint(ahead, ahead / INNER_RATE, error, epoch)
-
-
-def _ignore(entry: LogEntry) -> None:
-    pass
