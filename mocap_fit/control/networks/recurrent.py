@@ -143,7 +143,7 @@ def _stack_delays(past: Array, frames: int, delays: int, first: int) -> Array:
     )
 
 
-def compute_hidden(weights: Weights, seen: Array) -> Array:
+def compute_hidden(weights: Weights, seen: Array, past: Array | None = None) -> Array:
     """Return the hidden units of networks that are run.
 
     Parameters
@@ -152,11 +152,14 @@ def compute_hidden(weights: Weights, seen: Array) -> Array:
         Weights of the networks.
     seen
         What the input layer sees, ``(sentences, frames, context · inputs)``.
+    past
+        The hidden units before the first frame, ``(networks, sentences, delays, hidden)``; 0 by
+        default.
 
     Returns
     -------
     Array
-        Hidden units, ``(networks, sentences, delays + frames, hidden)``; 0 before the first frame.
+        Hidden units, ``(networks, sentences, delays + frames, hidden)``, the past first.
     """
     sentences, frames, inputs = seen.shape
     networks, _, hidden = weights.inputs.shape
@@ -168,6 +171,8 @@ def compute_hidden(weights: Weights, seen: Array) -> Array:
     driven = driven.reshape(sentences, frames, networks, hidden).transpose(1, 2, 0, 3)
     driven = np.ascontiguousarray(driven)
     units = np.zeros((networks, sentences, delays + frames, hidden), driven.dtype)
+    if past is not None:
+        units[:, :, :delays] = past
     earlier = _stack_delays(units, frames, delays, 0)
     sums = np.empty((networks, sentences, hidden), driven.dtype)
     of_frame = units.transpose(2, 0, 1, 3)[delays:]
