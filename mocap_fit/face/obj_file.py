@@ -58,9 +58,7 @@ def read_obj(path: Path) -> list[Piece]:
     return pieces
 
 
-def _parse_lines(
-    path: Path,
-) -> tuple[list[list[float]], list[list[int]], list[int], list[str]]:
+def _parse_lines(path: Path) -> tuple[list[list[float]], list[list[int]], list[int], list[str]]:
     """Vertices, triangles, and for each triangle the position of its name among the names."""
     vertices: list[list[float]] = []
     triangles: list[list[int]] = []

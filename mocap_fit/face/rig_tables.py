@@ -354,9 +354,7 @@ def check_vertex(index: int, mesh: Mesh) -> None:
     """
     if index >= len(mesh.vertices):
         raise ConfigurationError(
-            "the mesh has no such vertex",
-            found=index,
-            expected=f"0 to {len(mesh.vertices) - 1}",
+            "the mesh has no such vertex", found=index, expected=f"0 to {len(mesh.vertices) - 1}"
         )
 
 

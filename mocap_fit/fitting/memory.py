@@ -56,11 +56,7 @@ def free_memory() -> int | None:
 
 
 def check_memory(
-    frames: int,
-    markers: int,
-    *,
-    smooth: bool = False,
-    path: str | os.PathLike[str] | None = None,
+    frames: int, markers: int, *, smooth: bool = False, path: str | os.PathLike[str] | None = None
 ) -> int:
     """Refuse a recording that needs more memory than this machine has free.
 

@@ -20,11 +20,7 @@ from mocap_fit.fitting.objective import (
     compute_reference_jacobian,
 )
 from mocap_fit.fitting.orientation import move_by_pose
-from mocap_fit.fitting.precision import (
-    compute_covariance,
-    compute_deviations,
-    estimate_noise,
-)
+from mocap_fit.fitting.precision import compute_covariance, compute_deviations, estimate_noise
 from mocap_fit.fitting.solving import (
     ALGORITHMS,
     NEWTON_NLOPT,
@@ -359,10 +355,7 @@ def _choose_solver(
 
 
 def _fit_chunk(
-    binding: Binding,
-    recording: MarkerTracks,
-    frames: slice,
-    solver: Solver,
+    binding: Binding, recording: MarkerTracks, frames: slice, solver: Solver
 ) -> tuple[Solution, FloatArray, FloatArray]:
     """Fit some frames; return the solution, marker distances, and parameter deviations.
 

@@ -111,10 +111,7 @@ def check_fit(
 
 
 def check_weights(
-    names: Sequence[str],
-    shape: FloatArray,
-    weights: Mapping[str, float] | None,
-    known: set[str],
+    names: Sequence[str], shape: FloatArray, weights: Mapping[str, float] | None, known: set[str]
 ) -> FloatArray:
     """Check that reference markers determine a pose, and return their weights.
 
@@ -162,9 +159,7 @@ def check_weights(
 
 
 def choose_reference(
-    recording: MarkerTracks,
-    reference: MarkerTracks | ArrayLike | None,
-    names: Sequence[str] | None,
+    recording: MarkerTracks, reference: MarkerTracks | ArrayLike | None, names: Sequence[str] | None
 ) -> tuple[tuple[str, ...], FloatArray]:
     """Choose the reference markers.
 

@@ -257,11 +257,7 @@ def _interpolate_gaps(
 
 
 def _predict_from_others(
-    positions: FloatArray,
-    others: FloatArray,
-    shape: FloatArray,
-    marker: int,
-    gaps: list[slice],
+    positions: FloatArray, others: FloatArray, shape: FloatArray, marker: int, gaps: list[slice]
 ) -> FloatArray:
     """Return the positions of a marker, in its gaps as the rest of the body predicts them."""
     result = positions.copy()

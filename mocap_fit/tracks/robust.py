@@ -294,9 +294,7 @@ def _measure_noise(residuals: FloatArray, weights: FloatArray) -> float:
 
 
 def estimate_robust_transforms(
-    source: ArrayLike,
-    target: ArrayLike,
-    weights: ArrayLike | None = None,
+    source: ArrayLike, target: ArrayLike, weights: ArrayLike | None = None
 ) -> RigidFit:
     """Find the rigid transform of every frame, leaving bad points out.
 

@@ -26,12 +26,7 @@ from numpy.typing import ArrayLike
 from mocap_fit.errors import DataError, FileFormatError
 from mocap_fit.tracks.arrays import TrackArray
 from mocap_fit.tracks.base import Tracks
-from mocap_fit.tracks.parquet_file import (
-    from_damaged_table,
-    read_kind,
-    read_table,
-    write_table,
-)
+from mocap_fit.tracks.parquet_file import from_damaged_table, read_kind, read_table, write_table
 from mocap_fit.tracks.provenance import Event, Provenance, Step
 from mocap_fit.tracks.types import TRACK_KINDS
 

@@ -254,10 +254,7 @@ def _compute_edge_length(azimuth: FloatArray, level: FloatArray) -> FloatArray:
 
 
 def _complete_skin(
-    half: _Half,
-    azimuth: FloatArray,
-    level: FloatArray,
-    **rings: tuple[IndexArray, ...],
+    half: _Half, azimuth: FloatArray, level: FloatArray, **rings: tuple[IndexArray, ...]
 ) -> Skin:
     """Add the mirror image, smooth where pieces meet, and drop unused vertices."""
     points = np.concatenate(half.points)

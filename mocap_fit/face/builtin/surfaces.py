@@ -298,8 +298,4 @@ def measure_path_distance(
     nearest = distance.argmin(axis=1)
     rows = np.arange(len(x))
     side = np.sign(step[:, 0] * along - step[:, 1] * across)[rows, nearest]
-    return (
-        distance[rows, nearest],
-        side,
-        (nearest + position[rows, nearest]) / len(step),
-    )
+    return (distance[rows, nearest], side, (nearest + position[rows, nearest]) / len(step))
