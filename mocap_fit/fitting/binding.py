@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -251,19 +250,21 @@ def bind_markers(
         for marker in layout.head_markers
         if marker.name in pose
     }
-    bound = _bind(rig, vertices, np.array(corners), np.array(positions))
+    vertex_ids, local_corners, coordinates, ring_starts, rings = _bind(
+        rig, vertices, np.array(corners), np.array(positions)
+    )
     return Binding(
         rig=rig,
         names=tuple(marker.name for marker in layout.face_markers),
         weights=np.array([marker.weight for marker in layout.face_markers]),
         orientation=orientation,
         reference_parameters=parameters,
-        vertex_ids=bound.vertex_ids,
-        corners=bound.corners,
-        coordinates=bound.coordinates,
-        ring_starts=bound.ring_starts,
-        rings=bound.rings,
-        compiled=rig.compile(bound.vertex_ids),
+        vertex_ids=vertex_ids,
+        corners=local_corners,
+        coordinates=coordinates,
+        ring_starts=ring_starts,
+        rings=rings,
+        compiled=rig.compile(vertex_ids),
         head_names=tuple(head),
         head_positions=np.array([position for position, _ in head.values()]).reshape(-1, 3),
         head_weights=np.array([weight for _, weight in head.values()]),
@@ -294,15 +295,9 @@ def check_recording(binding: Binding, recording: MarkerTracks) -> None:
         )
 
 
-class _Bound(NamedTuple):
-    vertex_ids: IndexArray
-    corners: NDArray[np.int64]
-    coordinates: FloatArray
-    ring_starts: NDArray[np.int64]
-    rings: NDArray[np.int64]
-
-
-def _bind(rig: Rig, vertices: FloatArray, corners: IndexArray, positions: FloatArray) -> _Bound:
+def _bind(
+    rig: Rig, vertices: FloatArray, corners: IndexArray, positions: FloatArray
+) -> tuple[IndexArray, IndexArray, FloatArray, IndexArray, IndexArray]:
     """Solve eq. 2 for s, t and u of each position, and list the triangles it needs."""
     triangles = rig.mesh.triangles
     starts, rings = [0], []
@@ -329,7 +324,7 @@ def _bind(rig: Rig, vertices: FloatArray, corners: IndexArray, positions: FloatA
     first, second, third = (local[local_corners[:, i]] for i in range(3))
     axes = np.stack([second - first, third - first, tips - first], axis=2)
     coordinates = np.linalg.solve(axes, (positions - first)[:, :, None])[:, :, 0]
-    return _Bound(vertex_ids, local_corners, coordinates, ring_starts, local_rings)
+    return vertex_ids, local_corners, coordinates, ring_starts, local_rings
 
 
 def _list_candidates(

@@ -102,21 +102,14 @@ def _cost(count, point, slope, data):  # type: ignore[no-untyped-def]
     """Return the cost of the frame that the table points to, as nlopt calls it."""
     table = _numba.carray(data, (_COUNT, 2), np.int64)
     plan = _numba.carray(_to_pointer(table[_PLAN, 0]), table[_PLAN, 1], np.uint32)
-    numbers, workspace = (
-        _get_vector(table, np.int64(_NUMBERS)),
-        _get_vector(table, np.int64(_WORKSPACE)),
-    )
+    numbers = _get_vector(table, np.int64(_NUMBERS))
+    workspace = _get_vector(table, np.int64(_WORKSPACE))
     frame, rows = _get_vector(table, np.int64(_FRAME)), _get_vector(table, np.int64(_ROWS))
     products = _get_vector(table, np.int64(_PRODUCTS)).reshape((1, np.int64(count), rows.shape[0]))
-    settings, state = (
-        _get_vector(table, np.int64(_SETTINGS)),
-        _get_vector(table, np.int64(_STATE)),
-    )
+    settings, state = _get_vector(table, np.int64(_SETTINGS)), _get_vector(table, np.int64(_STATE))
     scale, best = _get_vector(table, np.int64(_SCALE)), _get_vector(table, np.int64(_BEST))
-    values, gradient = (
-        _get_vector(table, np.int64(_VALUES)),
-        _get_vector(table, np.int64(_GRADIENT)),
-    )
+    values = _get_vector(table, np.int64(_VALUES))
+    gradient = _get_vector(table, np.int64(_GRADIENT))
     x = _numba.carray(point, (count,), np.float64)
     for i in range(count):
         values[i] = x[i] * scale[i]
@@ -204,7 +197,7 @@ class NativeSolver:
     ) -> None:
         count = packed.parameters
         self._library = load_library()
-        self._scale, self._bounds = scale, bounds
+        self._scale = scale
         self._value = np.zeros(1)
         rows: list[NDArray[Any]] = [
             packed.plan,
@@ -243,7 +236,6 @@ class NativeSolver:
         c.nlopt_set_initial_step1(self._optimiser, float(np.median(0.1 / scale)))
         self._lower, self._upper = bounds[:, 0] / scale, bounds[:, 1] / scale
         self._set_bounds(self._lower, self._upper)
-        self._held = False
 
     def _set_bounds(self, lower: FloatArray, upper: FloatArray) -> None:
         self._library.nlopt_set_lower_bounds(self._optimiser, lower.ctypes.data)
@@ -292,11 +284,7 @@ class NativeSolver:
         # The solver reads and writes in these arrays, frame by frame: nothing is copied.
         table, optimise, optimiser = self._table, self._library.nlopt_optimize, self._optimiser
         value, point, step = self._value.ctypes.data, points.ctypes.data, points.strides[0]
-        frame_rows: list[tuple[int, NDArray[Any]]] = [
-            (_FRAME, frames),
-            (_STATE, states),
-            (_BEST, values),
-        ]
+        frame_rows = [(_FRAME, frames), (_STATE, states), (_BEST, values)]
         for row, array in frame_rows:
             table[row, 0] = array.ctypes.data
         for i in range(count):

@@ -352,12 +352,8 @@ def solve_frames(  # type: ignore[no-untyped-def]
         Filled with the numbers of evaluations of the virtual markers, ``(frames,)``.
     """
     rows, vectors = work.rows, work.vectors
-    virtual, residuals, trial, following = (
-        rows[_VIRTUAL],
-        rows[_START],
-        rows[_TRIAL],
-        vectors[_NEXT],
-    )
+    virtual, residuals, trial = rows[_VIRTUAL], rows[_START], rows[_TRIAL]
+    following = vectors[_NEXT]
     length, count = rows.shape[1], start.shape[0]
     # Error of the linear model that is small enough: the remaining decrease is of the order of its
     # square.

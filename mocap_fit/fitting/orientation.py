@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import nlopt
@@ -171,13 +171,7 @@ def fit_orientation(
         )
     distances = np.linalg.norm(orientation.apply(source) - target, axis=1)
     residuals = {m.name: float(d) for m, d in zip(strategic, distances, strict=True)}
-    return Orientation(
-        orientation.scale,
-        orientation.rotation,
-        orientation.translation,
-        residuals,
-        orientation.evaluations,
-    )
+    return replace(orientation, residuals=residuals)
 
 
 def align_points(

@@ -11,6 +11,7 @@ the frame rate; the second does not depend on it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,7 +21,7 @@ from mocap_fit.fitting.binding import Binding, check_recording
 from mocap_fit.fitting.frame_costs import CostScale, FrameCosts, LocalCosts, compute_cost_scale
 from mocap_fit.fitting.objective import Evaluator, Objective, check_objective
 from mocap_fit.fitting.precision import estimate_noise
-from mocap_fit.fitting.shape import ShapeFit
+from mocap_fit.fitting.shape import ShapeFit, compute_root_mean_square
 from mocap_fit.fitting.smoothness import (
     BoolArray,
     build_roughness_bands,
@@ -33,6 +34,7 @@ from mocap_fit.fitting.smoothness import (
 )
 from mocap_fit.fitting.solving import BRIDGED
 from mocap_fit.tracks import FloatArray, MarkerTracks
+from mocap_fit.tracks.interpolation import find_runs
 
 # Least noise of the markers, millimetres: it is divided by.
 _LEAST_NOISE = 1e-6
@@ -181,15 +183,10 @@ def fit_over_time(
         status[part] = np.where(fit.fitted[part], fit.status[part], BRIDGED)
         if progress is not None:
             progress(part.stop)
-    visible = np.isfinite(distances)
-    count = visible.sum(axis=1)
-    residuals = np.sqrt(
-        np.divide(
-            np.nansum(distances**2, axis=1), count, out=np.full(len(count), np.nan), where=count > 0
-        )
-    )
     tracks = fit.parameters.replace(
-        values=values, standard_deviations=deviations, residuals=residuals
+        values=values,
+        standard_deviations=deviations,
+        residuals=compute_root_mean_square(distances),
     ).add_step(
         "fit_over_time",
         {
@@ -201,15 +198,14 @@ def fit_over_time(
             **({"huber_threshold": huber_threshold} if objective == "huber" else {}),
         },
     )
-    return ShapeFit(
-        tracks,
-        fit.marker_names,
-        distances,
-        costs,
-        evaluations,
-        status,
-        fit.pose_corrections,
-        estimate_noise(distances, binding.weights, taken),
+    return replace(
+        fit,
+        parameters=tracks,
+        marker_residuals=distances,
+        costs=costs,
+        evaluations=evaluations,
+        status=status,
+        noise=estimate_noise(distances, binding.weights, taken),
     )
 
 
@@ -255,10 +251,9 @@ def _solve(
             values, local, total = stepped, trial, new_total
             damping = np.where(curved, np.maximum(2 * damping, 0.1), damping / 4)
             damping[damping < 0.01] = 0.0
-        elif curved.any():
-            damping = np.where(curved, np.maximum(4 * damping, 1.0), damping)
         else:
-            damping = np.maximum(4 * damping, 1.0)
+            raised = np.maximum(4 * damping, 1.0)
+            damping = np.where(curved, raised, damping) if curved.any() else raised
     return values, local, rounds
 
 
@@ -425,11 +420,9 @@ def _find_long_gaps(undetermined: BoolArray, longest: float) -> BoolArray:
     """Return which undetermined values are so for too long, or up to an end of the segment."""
     too_long = np.zeros_like(undetermined)
     for p, column in enumerate(undetermined.T):
-        edges = np.diff(np.concatenate([[False], column, [False]]).astype(int))
-        starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-        for start, end in zip(starts, ends, strict=True):
-            if end - start > longest or start == 0 or end == len(column):
-                too_long[start:end, p] = True
+        for run in find_runs(column):
+            if run.stop - run.start > longest or run.start == 0 or run.stop == len(column):
+                too_long[run, p] = True
     return too_long
 
 

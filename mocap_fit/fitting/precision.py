@@ -91,9 +91,9 @@ def compute_deviations(
     jacobian: FloatArray,
     weights: FloatArray,
     *,
-    positions: FloatArray | None = None,
-    head_positions: FloatArray | None = None,
-    head_weights: FloatArray | None = None,
+    positions: FloatArray,
+    head_positions: FloatArray,
+    head_weights: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Compute the standard deviations of the parameters of many frames, per unit of noise.
 
@@ -106,7 +106,7 @@ def compute_deviations(
     weights
         Weights of the markers, ``(frames, markers)``, no unit; 0 for a hidden marker.
     positions
-        Markers, ``(frames, markers, 3)``, millimetres; needed with head markers alone.
+        Markers, ``(frames, markers, 3)``, millimetres.
     head_positions
         Head markers, ``(head markers, 3)``, millimetres.
     head_weights
@@ -133,32 +133,26 @@ def compute_deviations(
     # Of A only A Aᵀ and the product with a rigid motion are needed.
     variance = np.einsum("fpq,fpq->fp", inverse @ (across @ weighted), inverse)
     bare = variance.copy()
-    posed = np.zeros(frames, dtype=bool)
-    if head_positions is not None and head_weights is not None and positions is not None:
-        posed = (head_weights > 0).sum(axis=1) >= 3
-    if posed.any() and head_positions is not None and positions is not None:
+    posed = (head_weights > 0).sum(axis=1) >= 3
+    if posed.any():
         centre = head_positions.mean(axis=0)
         effect = compute_motion_jacobian(positions[posed].reshape(-1, 3), centre)
         effect = effect.reshape(-1, 3 * markers, 6)
         through = inverse[posed] @ (across[posed] @ effect)
-        pose = _compute_pose_covariance(head_positions, head_weights[posed])  # type: ignore[index]
+        pose = _compute_pose_covariance(head_positions, head_weights[posed])
         variance[posed] += np.einsum("fpa,fpa->fp", through @ pose, through)
     doubtful = np.einsum("fpp->fp", inverse) * alone > _SUSPICIOUS
     doubtful |= alone < 1e-9
     for frame in np.flatnonzero(doubtful.any(axis=1)):
-        seen = weights[frame] > 0
-        head = {}
-        if posed[frame] and head_positions is not None and head_weights is not None:
-            there = head_weights[frame] > 0
-            head = {
-                "positions": None if positions is None else positions[frame, seen],
-                "head_positions": head_positions[there],
-                "head_weights": head_weights[frame, there],
-            }
-        covariance = compute_covariance(jacobian[frame, seen], weights[frame, seen], **head)
-        variance[frame] = np.diag(covariance)
-        alone_there = compute_covariance(jacobian[frame, seen], weights[frame, seen])
-        bare[frame] = np.diag(alone_there)
+        seen, there = weights[frame] > 0, head_weights[frame] > 0
+        shown = jacobian[frame, seen], weights[frame, seen]
+        covariance = compute_covariance(
+            *shown,
+            positions=positions[frame, seen],
+            head_positions=head_positions[there],
+            head_weights=head_weights[frame, there],
+        )
+        variance[frame], bare[frame] = np.diag(covariance), np.diag(compute_covariance(*shown))
     return np.sqrt(variance), np.sqrt(bare)
 
 

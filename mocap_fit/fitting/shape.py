@@ -253,15 +253,13 @@ def fit_shape(
     noise = estimate_noise(
         distances, binding.weights, len(binding.parameter_names) + 6 * refine_pose
     )
-    with np.errstate(invalid="ignore"):
-        residuals = np.sqrt(np.nansum(distances**2, axis=1) / np.isfinite(distances).sum(axis=1))
     tracks = ParameterTracks(
         binding.parameter_names,
         recording.rate,
         solution.values,
         # An undetermined parameter stays infinite even when the noise is 0.
         np.where(np.isinf(deviations), np.inf, deviations * noise * scale),
-        np.where(fitted, residuals, np.nan),
+        compute_root_mean_square(distances),
         start_time=recording.start_time,
         name=recording.name,
         events=recording.events,
@@ -286,6 +284,24 @@ def fit_shape(
         solution.corrections,
         noise,
     )
+
+
+def compute_root_mean_square(distances: FloatArray) -> FloatArray:
+    """Compute the root mean square of the distances of each frame.
+
+    Parameters
+    ----------
+    distances
+        Distances, ``(frames, markers)``, millimetres; NaN for a hidden marker.
+
+    Returns
+    -------
+    ndarray
+        ``(frames,)``, millimetres; NaN where all are hidden.
+    """
+    with np.errstate(invalid="ignore"):
+        squares = np.nansum(distances**2, axis=1)
+        return np.asarray(np.sqrt(squares / np.isfinite(distances).sum(axis=1)))
 
 
 def _check_solver(

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,8 +50,7 @@ STATUS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(NamedTuple):
     """A solver's results for a chunk of frames; NaN and `NOT_FITTED` in unusable frames.
 
     Parameters
@@ -114,13 +112,7 @@ class Solution:
         Solution
             Results of all frames.
         """
-        return cls(
-            np.concatenate([part.values for part in parts]),
-            np.concatenate([part.costs for part in parts]),
-            np.concatenate([part.evaluations for part in parts]),
-            np.concatenate([part.status for part in parts]),
-            np.concatenate([part.corrections for part in parts]),
-        )
+        return cls(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 class Solver(Protocol):

@@ -271,10 +271,8 @@ def _compare_with_neighbours(
     sums = np.concatenate([np.zeros((1, bad.shape[1])), np.cumsum(bad[where], axis=0)])
     frames = np.arange(len(bad))
     position = np.searchsorted(where, frames)
-    nearest, farthest = (
-        np.searchsorted(where, frames - _REACH),
-        np.searchsorted(where, frames + _REACH, side="right"),
-    )
+    nearest = np.searchsorted(where, frames - _REACH)
+    farthest = np.searchsorted(where, frames + _REACH, side="right")
     first = np.clip(position - _NEARBY, nearest, None)
     last = np.clip(position + _NEARBY + known, None, farthest)
     most = 2 * (sums[last] - sums[first]) > (last - first)[:, None]

@@ -16,24 +16,8 @@ _FLARE, _FLARE_PER_MM = np.radians(27), np.radians(0.20)
 _UPWARDS = np.array([0.13, np.cos(np.radians(9)), -np.sin(np.radians(9))])
 _FACE_RINGS = (1.0, 0.96, 0.91, 0.85, 0.77, 0.68, 0.6, 0.52, 0.42, 0.3, 0.16)
 # Outline of the rim: angle (degrees; 0 is back, 90 up, 180 front) and distance from the centre.
-_OUTLINE = np.array(
-    [
-        [0, 18.5],
-        [30, 22],
-        [60, 28],
-        [90, 30.5],
-        [120, 25],
-        [150, 16.5],
-        [180, 13],
-        [210, 14.5],
-        [240, 20],
-        [262, 27.5],
-        [283, 27.5],
-        [307, 20.5],
-        [335, 17.5],
-        [360, 18.5],
-    ]
-)
+_OUTLINE_ANGLES = [0, 30, 60, 90, 120, 150, 180, 210, 240, 262, 283, 307, 335, 360]
+_OUTLINE = [18.5, 22, 28, 30.5, 25, 16.5, 13, 14.5, 20, 27.5, 27.5, 20.5, 17.5, 18.5]
 
 
 def trace_ear_outline() -> FloatArray:
@@ -84,7 +68,7 @@ def _list_angles() -> FloatArray:
 
 def _compute_reach(angle: FloatArray) -> FloatArray:
     """Return the distance of the rim from the ear's centre."""
-    rim = CubicSpline(np.radians(_OUTLINE[:, 0]), _OUTLINE[:, 1], bc_type="periodic")
+    rim = CubicSpline(np.radians(_OUTLINE_ANGLES), _OUTLINE, bc_type="periodic")
     return np.asarray(rim(angle))
 
 

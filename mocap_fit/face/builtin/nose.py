@@ -15,44 +15,13 @@ _NOSTRIL_CENTRE = np.array([6.6, 23.0])
 _NOSTRIL_AXES = np.array([2.7, 1.35])
 _NOSTRIL_TURN = 0.35
 
-# The profile, from between the brows to the base: height and depth.
-_PROFILE = np.array(
-    [
-        [88, 97.5],
-        [80, 98.3],
-        [72, 97.0],
-        [66, 97.2],
-        [58.4, 99.8],
-        [51, 103.4],
-        [44, 107.4],
-        [38.3, 110.8],
-        [33.7, 113.8],
-        [30.5, 115.6],
-        [27.8, 116.0],
-        [25.4, 114.8],
-        [23.4, 112.0],
-        [21.4, 107.6],
-        [19, 104.0],
-    ]
-)
-# Half the width at each height.
-_WIDTHS = np.array(
-    [
-        [15, 6],
-        [20, 6.5],
-        [21.8, 7.5],
-        [23.7, 9.5],
-        [26.4, 12.0],
-        [29.1, 13.6],
-        [32.8, 14.6],
-        [38.3, 15.0],
-        [47.4, 15.0],
-        [56.6, 13.8],
-        [66, 12.0],
-        [74, 12.5],
-        [86, 16],
-    ]
-)
+# The profile, from the base to between the brows: heights, and the depth at each.
+_PROFILE_HEIGHTS = [19, 21.4, 23.4, 25.4, 27.8, 30.5, 33.7, 38.3, 44, 51, 58.4, 66, 72, 80, 88]
+_PROFILE = [104.0, 107.6, 112.0, 114.8, 116.0, 115.6, 113.8, 110.8, 107.4, 103.4, 99.8]
+_PROFILE += [97.2, 97.0, 98.3, 97.5]
+# Heights, and half the width at each.
+_WIDTH_HEIGHTS = [15, 20, 21.8, 23.7, 26.4, 29.1, 32.8, 38.3, 47.4, 56.6, 66, 74, 86]
+_WIDTHS = [6, 6.5, 7.5, 9.5, 12.0, 13.6, 14.6, 15.0, 15.0, 13.8, 12.0, 12.5, 16]
 
 
 def compute_nose_relief(x: FloatArray, y: FloatArray) -> FloatArray:
@@ -69,8 +38,8 @@ def compute_nose_relief(x: FloatArray, y: FloatArray) -> FloatArray:
     ndarray
         Along z, ``(points,)``, millimetres.
     """
-    profile = PchipInterpolator(*_PROFILE[::-1].T)
-    half_width = PchipInterpolator(*_WIDTHS.T)(np.clip(y, 15, 86))
+    profile = PchipInterpolator(_PROFILE_HEIGHTS, _PROFILE)
+    half_width = PchipInterpolator(_WIDTH_HEIGHTS, _WIDTHS)(np.clip(y, 15, 86))
     near = (y > 14) & (y < 90) & (x < 30)
     height = np.where(
         near, profile(np.clip(y, 19, 88)) - skull.compute_midline_depth(np.clip(y, 12, 92)), 0.0

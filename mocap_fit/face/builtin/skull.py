@@ -191,24 +191,14 @@ def locate(seen: FloatArray, axes: tuple[int, int] = (0, 1)) -> tuple[FloatArray
     small = np.array([1e-5, 1e-3])
     for _ in range(8):
         here = compute_loft(*located.T)[:, axes]
-        along_azimuth = (
-            compute_loft(located[:, 0] + small[0], located[:, 1])[:, axes] - here
-        ) / small[0]
-        along_level = (
-            compute_loft(located[:, 0], located[:, 1] + small[1])[:, axes] - here
-        ) / small[1]
-        error = seen - here
-        determinant = (
-            along_azimuth[:, 0] * along_level[:, 1] - along_level[:, 0] * along_azimuth[:, 1]
-        )
-        step_azimuth = (
-            error[:, 0] * along_level[:, 1] - along_level[:, 0] * error[:, 1]
-        ) / determinant
-        step_level = (
-            along_azimuth[:, 0] * error[:, 1] - error[:, 0] * along_azimuth[:, 1]
-        ) / determinant
-        located[:, 0] += np.clip(step_azimuth, -0.1, 0.1)
-        located[:, 1] += np.clip(step_level, -5.0, 5.0)
+        azimuth, level = located.T
+        by_azimuth = (compute_loft(azimuth + small[0], level)[:, axes] - here) / small[0]
+        by_level = (compute_loft(azimuth, level + small[1])[:, axes] - here) / small[1]
+        # Newton's step, by Cramer's rule.
+        (a, c), (b, d), (e, f) = by_azimuth.T, by_level.T, (seen - here).T
+        determinant = a * d - b * c
+        located[:, 0] += np.clip((e * d - b * f) / determinant, -0.1, 0.1)
+        located[:, 1] += np.clip((a * f - e * c) / determinant, -5.0, 5.0)
         located[:, 0] = np.clip(located[:, 0], 0.0, np.pi)
     if axes == (0, 1):
         located[np.abs(seen[:, 0]) < 1e-9, 0] = 0.0
