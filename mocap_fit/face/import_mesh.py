@@ -96,9 +96,8 @@ def _read_pieces(path: Path) -> list[Piece]:
     if not path.is_file():
         raise MissingFileError(path=path)
     try:
-        empty = path.stat().st_size == 0
-        with path.open("rb"):
-            pass
+        with path.open("rb") as file:
+            empty = not file.read(1)
     except OSError as error:
         raise FileFormatError(
             "the file cannot be opened", path=path, found=error.strerror

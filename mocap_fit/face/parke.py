@@ -7,6 +7,7 @@ terms of MPEG-4 feature points and named regions, so that one file serves any me
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from mocap_fit.face.rig_tables import Locations, Transform, Weight
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class ParkeRig:
     """A mesh moved by ordered weighted transforms.
 
@@ -40,21 +42,14 @@ class ParkeRig:
         The transforms, for every vertex of the mesh.
     """
 
-    def __init__(
-        self,
-        mesh: Mesh,
-        parameter_names: tuple[str, ...],
-        bounds: FloatArray,
-        compiled: CompiledRig,
-    ) -> None:
-        self.mesh = mesh
-        self.parameter_names = parameter_names
-        self.bounds = bounds
-        self._compiled = compiled
+    mesh: Mesh
+    parameter_names: tuple[str, ...]
+    bounds: FloatArray
+    compiled: CompiledRig
 
     def __repr__(self) -> str:
         return (
-            f"ParkeRig({len(self.parameter_names)} parameters, {len(self._compiled.kinds)} "
+            f"ParkeRig({len(self.parameter_names)} parameters, {len(self.compiled.kinds)} "
             f"transforms, {len(self.mesh.vertices)} vertices)"
         )
 
@@ -132,7 +127,7 @@ class ParkeRig:
         ndarray
             Positions, ``(vertices, 3)``, millimetres.
         """
-        return evaluate(self._compiled, check_parameters(parameters, self.parameter_names))
+        return evaluate(self.compiled, check_parameters(parameters, self.parameter_names))
 
     def jacobian(self, parameters: ArrayLike) -> FloatArray:
         """Compute the derivative of the vertices by the parameters.
@@ -148,7 +143,7 @@ class ParkeRig:
             ``(vertices, 3, parameters)``, millimetres a full gesture.
         """
         values = check_parameters(parameters, self.parameter_names)
-        return evaluate_jacobian(self._compiled, values)[1]
+        return evaluate_jacobian(self.compiled, values)[1]
 
     def compile(self, vertex_ids: IndexArray) -> CompiledRig:
         """Return the rig as plain arrays for some vertices.
@@ -163,7 +158,7 @@ class ParkeRig:
         CompiledRig
             The transforms, for those vertices.
         """
-        return self._compiled.take(np.asarray(vertex_ids))
+        return self.compiled.take(np.asarray(vertex_ids))
 
 
 def _to_operation(transform: Transform, scales: FloatArray) -> tuple[Kind, FloatArray]:

@@ -65,7 +65,6 @@ class CompiledSolver:
         self._work = make_workspace(self._packed)
         self._bounds = np.ascontiguousarray(binding.rig.bounds)
         self._predict = solver in (NEWTON, NEWTON_NLOPT)
-        self._tolerance = _NEWTON_TOLERANCE
         self._jacobian = compute_reference_jacobian(binding)
         self._nlopt: native.NativeSolver | None = None
         self._last = np.clip(binding.reference_parameters, self._bounds[:, 0], self._bounds[:, 1])
@@ -123,7 +122,7 @@ class CompiledSolver:
                 self._threshold,
                 self._bounds,
                 fixed,
-                self._tolerance,
+                _NEWTON_TOLERANCE,
                 values,
                 costs,
                 evaluations,

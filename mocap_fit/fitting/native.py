@@ -209,9 +209,7 @@ class NativeSolver:
             np.array([float(objective), threshold]),
             scale,
             np.zeros(2),
-            np.zeros(count),
-            np.zeros(count),
-            np.zeros(count),
+            *np.zeros((3, count)),
         ]
         self._table = np.zeros((_COUNT, 2), dtype=np.int64)
         for row, array in enumerate(rows):

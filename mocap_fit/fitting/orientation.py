@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import nlopt
@@ -37,21 +37,12 @@ class Orientation:
     residuals
         Marker → distance of each strategic point from its feature point after the transform,
         millimetres of the face.
-    evaluations
-        Number of evaluations of the objective.
     """
 
     scale: float = 1.0
-    rotation: FloatArray = None  # type: ignore[assignment]
-    translation: FloatArray = None  # type: ignore[assignment]
+    rotation: FloatArray = field(default_factory=lambda: np.eye(3))
+    translation: FloatArray = field(default_factory=lambda: np.zeros(3))
     residuals: Mapping[str, float] | None = None
-    evaluations: int = 0
-
-    def __post_init__(self) -> None:
-        if self.rotation is None:
-            object.__setattr__(self, "rotation", np.eye(3))
-        if self.translation is None:
-            object.__setattr__(self, "translation", np.zeros(3))
 
     def apply(self, points: FloatArray) -> FloatArray:
         """Transform points of the speaker to the face's coordinates.
@@ -206,13 +197,11 @@ def align_points(
     size = float(np.sqrt(np.mean(np.sum((target - middle) ** 2, axis=1))))
     points, goals = scale * (source - centre) @ rotation.T / size, (target - middle) / size
     shift = (scale * rotation @ centre + translation - middle) / size
-    evaluations = 0
     best: tuple[float, FloatArray] = (np.inf, np.zeros(7))
 
     def _cost(x: FloatArray, gradient: FloatArray) -> float:
         """Return the cost, and fill its gradient, for nlopt."""
-        nonlocal evaluations, best
-        evaluations += 1
+        nonlocal best
         turned = np.exp(x[6]) * Rotation.from_rotvec(x[3:6].copy()).apply(points)
         difference = turned + x[:3] - goals
         if objective == "squares":
@@ -248,9 +237,7 @@ def align_points(
     x = best[1]
     turn = Rotation.from_rotvec(x[3:6]).as_matrix()
     scale, rotation = float(scale * np.exp(x[6])), turn @ rotation
-    return Orientation(
-        scale, rotation, middle + size * x[:3] - scale * rotation @ centre, None, evaluations
-    )
+    return Orientation(scale, rotation, middle + size * x[:3] - scale * rotation @ centre)
 
 
 def move_by_pose(

@@ -274,16 +274,7 @@ def fit_shape(
             **({"huber_threshold": huber_threshold} if objective == "huber" else {}),
         },
     )
-    return ShapeFit(
-        tracks,
-        binding.names,
-        distances,
-        solution.costs,
-        solution.evaluations,
-        solution.status,
-        solution.corrections,
-        noise,
-    )
+    return ShapeFit(tracks, binding.names, distances, *solution[1:], noise)
 
 
 def compute_root_mean_square(distances: FloatArray) -> FloatArray:
@@ -337,6 +328,7 @@ def _choose_solver(
     """Return the fastest solver for these settings."""
     from mocap_fit.fitting.nlopt_solver import NloptSolver
 
+    problem = (binding, objective, threshold)
     if binding.compiled is not None and not refine_pose:
         try:
             from mocap_fit.fitting.compiled_solver import CompiledSolver
@@ -346,11 +338,7 @@ def _choose_solver(
         else:
             if load_library() is not None or solver == "newton":
                 return CompiledSolver(
-                    binding,
-                    objective,
-                    threshold,
-                    solver=solver,
-                    maximum_evaluations=maximum_evaluations,
+                    *problem, solver=solver, maximum_evaluations=maximum_evaluations
                 )
     algorithm = solver if solver in ALGORITHMS else PLAIN
     if solver not in (NEWTON_NLOPT, algorithm):
@@ -361,9 +349,7 @@ def _choose_solver(
             stacklevel=4,
         )
     return NloptSolver(
-        binding,
-        objective,
-        threshold,
+        *problem,
         algorithm=algorithm,
         refine_pose=refine_pose,
         maximum_evaluations=maximum_evaluations,

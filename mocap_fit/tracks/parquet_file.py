@@ -6,10 +6,9 @@ at all, and a damaged one is refused with a message.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from mocap_fit.atomic_file import write_atomically
@@ -128,25 +127,13 @@ def read_table(
         If the file cannot be opened, is not Parquet, is cut short, was not written by
         mocap-fit, or by a later format than this one knows.
     """
+    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    with _translate_errors(path), open(path, "rb") as stream:
-        table = pq.read_table(
-            stream,
-            page_checksum_verification=True,
-            # Damaged files have ended the process from within a thread.
-            use_threads=False,
-        )
-    return table, _parse_description(table.schema, path, kinds, noun, advice)
-
-
-@contextlib.contextmanager
-def _translate_errors(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Raise our errors in place of those of pyarrow and the system."""
-    import pyarrow as pa
-
     try:
-        yield
+        with open(path, "rb") as stream:
+            # Damaged files have ended the process from within a thread.
+            table = pq.read_table(stream, page_checksum_verification=True, use_threads=False)
     except pa.ArrowException as error:
         raise FileFormatError(
             "this is not a whole Parquet file",
@@ -159,6 +146,7 @@ def _translate_errors(path: str | os.PathLike[str]) -> Iterator[None]:
             raise from_os_error(error, path) from None
         # Pyarrow reports damaged content as an OSError too, but without a system error's number.
         raise FileFormatError("this is not a whole Parquet file", path=path, found=error) from None
+    return table, _parse_description(table.schema, path, kinds, noun, advice)
 
 
 def _parse_description(

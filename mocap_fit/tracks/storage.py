@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 from mocap_fit.errors import DataError, FileFormatError
 from mocap_fit.tracks.arrays import TrackArray
 from mocap_fit.tracks.base import Tracks
+from mocap_fit.tracks.interpolation import flatten_tracks
 from mocap_fit.tracks.parquet_file import from_damaged_table, read_kind, read_table, write_table
 from mocap_fit.tracks.provenance import Event, Provenance, Step
 from mocap_fit.tracks.types import TRACK_KINDS
@@ -78,19 +79,13 @@ def _to_columns(tracks: Tracks) -> dict[str, np.ndarray[Any, Any]]:
             found=", ".join(twice),
             advice="Rename that track.",
         )
-    arrays = {
-        array.attribute: getattr(tracks, array.attribute).reshape(_get_flat_shape(array, tracks))
-        for array in tracks.arrays
+    arrays = {array.attribute: getattr(tracks, array.attribute) for array in tracks.arrays}
+    arrays |= {
+        a.attribute: flatten_tracks(arrays[a.attribute]) for a in tracks.arrays if a.has_names
     }
     return {"time": tracks.times} | {
         column.name: arrays[column.array.attribute][column.key] for column in columns
     }
-
-
-def _get_flat_shape(array: TrackArray, tracks: Tracks) -> tuple[int, ...]:
-    if not array.has_names:
-        return (tracks.frames,)
-    return (tracks.frames, len(tracks.names), len(array.columns))
 
 
 def _to_plain(value: object) -> object:

@@ -464,7 +464,7 @@ class TestWhatIsTaken:
         text += f"[regions]\none = {{ vertices = [{first}] }}\nother = {{ vertices = [{last}] }}\n"
         rig = load_face(written(tmp_path, text))
         assert isinstance(rig, ParkeRig)
-        weights = rig._compiled.weights[0]
+        weights = rig.compiled.weights[0]
         assert weights[: teeth[0]].max() == 0
         # The lower row of the strip, end to end.
         row = weights[first : last + 1]
@@ -630,7 +630,7 @@ class TestWhatIsTaken:
         ).replace('multiply = "1 - all"\n', "")
         rig = load_face(written(tmp_path, text))
         assert isinstance(rig, ParkeRig)
-        assert rig._compiled.weights[0, [56, 70]].tolist() == [0.75, 0.25]
+        assert rig.compiled.weights[0, [56, 70]].tolist() == [0.75, 0.25]
 
 
 def named(mesh: Mesh) -> Mesh:

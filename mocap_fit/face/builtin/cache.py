@@ -47,13 +47,9 @@ def get_cache_folder() -> Path:
         return Path(chosen)
     home = Path.home()
     if sys.platform == "win32":
-        return (
-            Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
-            / "mocap-fit"
-            / "Cache"
-        )
+        return Path(os.environ.get("LOCALAPPDATA") or home / "AppData/Local") / "mocap-fit/Cache"
     if sys.platform == "darwin":
-        return home / "Library" / "Caches" / "mocap-fit"
+        return home / "Library/Caches/mocap-fit"
     return Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache") / "mocap-fit"
 
 
