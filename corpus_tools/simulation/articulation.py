@@ -24,12 +24,7 @@ from corpus_tools.simulation.dynamics import (
     simulate_motion,
 )
 from corpus_tools.simulation.session import draw_gestures
-from corpus_tools.simulation.traits import (
-    Rule,
-    get_plain_sound,
-    get_traits,
-    load_table,
-)
+from corpus_tools.simulation.traits import Rule, get_plain_sound, get_traits, load_table
 from mocap_fit.face import Rig
 from mocap_fit.phones import PhoneSegment, PhoneSequence, PhoneSet
 from mocap_fit.settings_file import StrictModel

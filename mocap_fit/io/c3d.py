@@ -25,12 +25,7 @@ import numpy as np
 
 from mocap_fit.errors import FileFormatError, MocapFitWarning, from_os_error
 from mocap_fit.io import finalise
-from mocap_fit.io.c3d_points import (
-    extract_points,
-    read_first_frame,
-    read_floats,
-    read_with_ezc3d,
-)
+from mocap_fit.io.c3d_points import extract_points, read_first_frame, read_floats, read_with_ezc3d
 from mocap_fit.io.c3d_structure import check_structure, is_c3d
 from mocap_fit.io.text import check_file, decode_line, read_head
 from mocap_fit.io.timing import check_rate
@@ -61,10 +56,7 @@ def sniff(path: str | os.PathLike[str]) -> bool:
 
 
 def read(
-    path: str | os.PathLike[str],
-    *,
-    names: Sequence[str] | None = None,
-    rate: float | None = None,
+    path: str | os.PathLike[str], *, names: Sequence[str] | None = None, rate: float | None = None
 ) -> MarkerTracks:
     """Read the points of a C3D file as markers.
 

@@ -136,10 +136,7 @@ def choose_names(
 
 
 def list_arguments(
-    used_names: Sequence[str],
-    names: Sequence[str] | None,
-    rate: float | None,
-    **others: str | None,
+    used_names: Sequence[str], names: Sequence[str] | None, rate: float | None, **others: str | None
 ) -> dict[str, Any]:
     """Return the arguments of a reader for the provenance.
 

@@ -40,10 +40,7 @@ def sniff(path: str | os.PathLike[str]) -> bool:
 
 
 def read(
-    path: str | os.PathLike[str],
-    *,
-    names: Sequence[str] | None = None,
-    rate: float | None = None,
+    path: str | os.PathLike[str], *, names: Sequence[str] | None = None, rate: float | None = None
 ) -> Tracks:
     """Read a file that `mocap_fit.tracks.write_parquet` wrote.
 

@@ -71,10 +71,7 @@ def sniff(path: str | os.PathLike[str]) -> bool:
 
 
 def read(
-    path: str | os.PathLike[str],
-    *,
-    names: Sequence[str] | None = None,
-    rate: float | None = None,
+    path: str | os.PathLike[str], *, names: Sequence[str] | None = None, rate: float | None = None
 ) -> MarkerTracks | PoseTracks:
     """Read a 3D export as markers, or a 6DOF export as poses.
 

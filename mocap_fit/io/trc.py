@@ -47,10 +47,7 @@ def sniff(path: str | os.PathLike[str]) -> bool:
 
 
 def read(
-    path: str | os.PathLike[str],
-    *,
-    names: Sequence[str] | None = None,
-    rate: float | None = None,
+    path: str | os.PathLike[str], *, names: Sequence[str] | None = None, rate: float | None = None
 ) -> MarkerTracks:
     """Read the markers of a TRC file.
 

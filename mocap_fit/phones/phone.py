@@ -190,10 +190,7 @@ def _derive_resistance(values: Mapping[str, float]) -> frozenset[str]:
         (_is_lip_closure(values), ("upper_lip_raise", "lower_lip_depression")),
         (values["labiodental"] == 1, ("lower_lip_retraction", "lower_lip_depression")),
         (values["rounded"] >= _CLEARLY_ROUNDED, ("lip_rounding",)),
-        (
-            values["protruded"] >= _CLEARLY_ROUNDED,
-            ("upper_lip_retraction", "lower_lip_retraction"),
-        ),
+        (values["protruded"] >= _CLEARLY_ROUNDED, ("upper_lip_retraction", "lower_lip_retraction")),
         (values["rounded"] <= -_CLEARLY_ROUNDED, ("left_corner_stretch", "right_corner_stretch")),
         (sibilant, ("jaw_rotation", "jaw_thrust")),
         (values["open"] >= _CLEARLY_OPEN, ("jaw_rotation",)),

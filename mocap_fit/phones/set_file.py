@@ -9,13 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from mocap_fit.errors import ConfigurationError, add_path
-from mocap_fit.phones.phone import (
-    ARTICULATORY_PARAMETERS,
-    MANNERS,
-    PLACES,
-    VOWEL_FEATURES,
-    Phone,
-)
+from mocap_fit.phones.phone import ARTICULATORY_PARAMETERS, MANNERS, PLACES, VOWEL_FEATURES, Phone
 from mocap_fit.phones.phone_set import PhoneSet
 from mocap_fit.phones.stress import StressMarks
 from mocap_fit.settings_file import StrictModel, list_shipped, load_settings
