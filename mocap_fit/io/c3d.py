@@ -137,11 +137,10 @@ def _read_texts(parameters: _Parameters, group: str, name: str) -> list[str]:
     A parameter holds at most 255 texts; more are in parameters with a number behind the name.
     """
     texts: list[str] = []
-    part = 1
-    while name + (str(part) if part > 1 else "") in parameters.get(group, {}):
-        values = _read_values(parameters, group, name + (str(part) if part > 1 else ""), [])
-        texts += [_to_text(value) for value in values]
-        part += 1
+    part, continued = 1, name
+    while continued in parameters.get(group, {}):
+        texts += map(_to_text, _read_values(parameters, group, continued, []))
+        part, continued = part + 1, f"{name}{part + 1}"
     return texts
 
 
@@ -158,12 +157,7 @@ def _read_labels(parameters: _Parameters, count: int) -> list[str]:
 
 def _select_positions(parameters: _Parameters, labels: list[str], path: Path) -> list[int]:
     """Return the indices of the points that are positions."""
-    others = {
-        label
-        for name in _NOT_POSITIONS
-        for label in _read_texts(parameters, "POINT", name)
-        if label
-    }
+    others = {label for name in _NOT_POSITIONS for label in _read_texts(parameters, "POINT", name)}
     positions = [index for index, label in enumerate(labels) if label not in others]
     left_out = [label for label in labels if label in others]
     if not positions:
@@ -225,11 +219,8 @@ def _read_events(content: Mapping[str, Any], path: Path) -> list[Event]:
         )
     events = []
     for index in range(min(used, times.shape[1])):
-        words = [
-            context
-            for context in contexts[index : index + 1]
-            if context and context.lower() != "general"
-        ] + labels[index : index + 1]
-        name = " ".join(word for word in words if word) or f"event {index + 1}"
+        words = [word for word in contexts[index : index + 1] if word.lower() != "general"]
+        words += labels[index : index + 1]
+        name = " ".join(filter(None, words)) or f"event {index + 1}"
         events.append(Event(name, float(60 * times[0, index] + times[1, index])))
     return events

@@ -90,13 +90,10 @@ def read(
         if titles.unit is not None:
             scale = finalise.get_millimetres(titles.unit, path=text.path, line=line)
         lead = ["frame"] * titles.frame + ["time"] * (titles.time_unit is not None)
-        table = read_numbers(
-            text.read_rest().replace(b'"', b""),
-            [*lead, *(f"{name} {axis}" for name in used_names for axis in "xyz")],
-            separator=titles.separator,
-            first_line=text.number + 1,
-            path=text.path,
-        )
+        columns = [*lead, *(f"{name} {axis}" for name in used_names for axis in "xyz")]
+        first_line = text.number + 1
+        block = text.read_rest().replace(b'"', b"")
+        table = read_numbers(block, columns, titles.separator, first_line, text.path)
     used_rate, start_time = determine_timing(
         table,
         frame=0 if titles.frame else None,

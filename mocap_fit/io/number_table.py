@@ -153,7 +153,6 @@ class _Lines:
 def read_numbers(
     block: bytes,
     columns: Sequence[str],
-    *,
     separator: Literal["\t", ",", ";"],
     first_line: int,
     path: Path,
@@ -249,8 +248,7 @@ def _split_lines(block: bytes, separator: str, first_line: int, width: int) -> _
     empty = f" {separator}".encode()
     blank = [row for row in suspects if not block[starts[row] : ends[row]].strip(empty)]
     if blank:
-        if blank[-1] == len(ends) - 1:
-            terminated = True
+        terminated |= blank[-1] == len(ends) - 1
         keep = np.ones(len(ends), dtype=bool)
         keep[blank] = False
         rows = block.split(b"\n")

@@ -83,14 +83,9 @@ def find_columns(header: Header, names: Sequence[str] | None) -> Columns:
     """
     _check_data_included(header)
     is_6dof = _is_6dof(header, names)
-    noun = "body" if is_6dof else "marker"
-    chosen = finalise.choose_names(
-        _find_names(header, is_6dof),
-        names,
-        path=header.path,
-        noun=noun,
-        line=header.lines.get("BODY_NAMES" if is_6dof else "MARKER_NAMES"),
-    )
+    noun, keyword = ("body", "BODY_NAMES") if is_6dof else ("marker", "MARKER_NAMES")
+    file_names, line = _find_names(header, is_6dof), header.lines.get(keyword)
+    chosen = finalise.choose_names(file_names, names, path=header.path, noun=noun, line=line)
     if chosen is None:
         raise FileFormatError(
             f"the file has no {noun} names: its header was switched off in the export",

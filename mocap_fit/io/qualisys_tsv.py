@@ -20,7 +20,8 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,14 +114,9 @@ def read(
                 advice="Export or copy the recording again.",
             )
         columns = find_columns(header, names)
-        table = read_numbers(
-            text.read_rest(),
-            columns.titles,
-            separator="\t",
-            first_line=header.first_row_line,
-            path=text.path,
-            expected_rows=header.get_count("NO_OF_FRAMES"),
-        )
+        block, rows = text.read_rest(), header.get_count("NO_OF_FRAMES")
+        first_line = header.first_row_line
+        table = read_numbers(block, columns.titles, "\t", first_line, text.path, rows)
     used_rate, start_time = determine_timing(
         table,
         frame=columns.find("frame"),
@@ -129,34 +125,26 @@ def read(
         file_rate=header.get_rate() if rate is None else None,
         line=header.lines.get("FREQUENCY"),
     )
-    events = read_events(header, used_rate)
-    arguments = finalise.list_arguments(columns.names, names, rate)
+    kind: type[MarkerTracks | PoseTracks] = MarkerTracks
+    arrays: Mapping[str, NDArray[Any]]
     if columns.is_6dof:
-        return finalise.create_tracks(
-            PoseTracks,
-            text.path,
-            NAME,
-            columns.names,
-            used_rate,
-            extract_poses(table, columns, text.path),
-            start_time=start_time,
-            events=events,
-            arguments=arguments,
-        )
-    positions = finalise.mark_zeros(table.to_positions(len(columns.lead)))
-    gaps = np.isnan(positions).any(axis=2)
-    origin = np.where(gaps, Origin.MISSING, _read_origins(header, len(columns.names)))
+        kind, arrays = PoseTracks, extract_poses(table, columns, text.path)
+    else:
+        positions = finalise.mark_zeros(table.to_positions(len(columns.lead)))
+        gaps = np.isnan(positions).any(axis=2)
+        origin = np.where(gaps, Origin.MISSING, _read_origins(header, len(columns.names)))
+        arrays = {"positions": positions, "origin": origin.astype(np.uint8)}
     return finalise.create_tracks(
-        MarkerTracks,
+        kind,
         text.path,
         NAME,
         columns.names,
         used_rate,
-        {"positions": positions, "origin": origin.astype(np.uint8)},
+        arrays,
         start_time=start_time,
-        events=events,
-        arguments=arguments,
-        unit_is_known=False,
+        events=read_events(header, used_rate),
+        arguments=finalise.list_arguments(columns.names, names, rate),
+        unit_is_known=columns.is_6dof,
     )
 
 

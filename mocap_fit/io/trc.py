@@ -88,26 +88,16 @@ def read(
                 advice=_AGAIN,
             )
         used_names = finalise.choose_names(file_names, names, path=text.path, line=4) or ()
-        table = read_numbers(
-            text.read_rest(),
-            ["frame", "time", *(f"{name} {axis}" for name in used_names for axis in "XYZ")],
-            separator="\t",
-            first_line=text.number + 1,
-            path=text.path,
-            expected_rows=_parse_count(text, values, "NumFrames"),
-        )
+        columns = ["frame", "time", *(f"{name} {axis}" for name in used_names for axis in "XYZ")]
+        expected_rows, first_line = _parse_count(text, values, "NumFrames"), text.number + 1
+        table = read_numbers(text.read_rest(), columns, "\t", first_line, text.path, expected_rows)
     if "units" not in values:
         raise FileFormatError(
             "the header has no Units", path=text.path, line=2, expected="mm or m", advice=_AGAIN
         )
     scale = finalise.get_millimetres(values["units"], path=text.path, line=3)
-    used_rate, start_time = determine_timing(
-        table,
-        frame=0,
-        time=1,
-        rate=rate,
-        file_rate=_parse_rate(text, values) if rate is None else None,
-    )
+    file_rate = _parse_rate(text, values) if rate is None else None
+    used_rate, start_time = determine_timing(table, frame=0, time=1, rate=rate, file_rate=file_rate)
     return finalise.create_tracks(
         MarkerTracks,
         text.path,
