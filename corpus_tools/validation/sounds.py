@@ -11,7 +11,7 @@ from corpus_tools.validation.labels import Loudness
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.errors import DataError
 from mocap_fit.sound import Sound, decode_pulses
-from mocap_fit.tracks import FloatArray
+from mocap_fit.tracks import FloatArray, Tracks
 from mocap_fit.tracks.interpolation import find_runs
 
 _STEP = 0.01
@@ -108,9 +108,7 @@ def measure_tenths(sound: Sound) -> FloatArray:
 
 
 def check_lengths(
-    frames: int,
-    rate: float,
-    start_time: float,
+    tracks: Tracks,
     sound_end: float,
     labels_end: float | None,
     location: Location,
@@ -123,12 +121,8 @@ def check_lengths(
 
     Parameters
     ----------
-    frames
-        Number of frames of the recording.
-    rate
-        Frame rate of the recording, hertz.
-    start_time
-        Time of its first frame, seconds.
+    tracks
+        The recording.
     sound_end
         End of the sound, seconds.
     labels_end
@@ -149,6 +143,7 @@ def check_lengths(
         allowed: float = max(rules.length, rules.length_share * max(one, other))
         return abs(one - other) > allowed
 
+    frames, rate, start_time = tracks.frames, tracks.rate, tracks.start_time
     recorded = start_time + frames / rate
     if not is_different(recorded, sound_end):
         return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -203,9 +204,7 @@ def check_subject(subject: Subject, context: Context) -> tuple[list[Finding], Su
         sound, pulses, more = _drop_pulses(subject, limits)
         findings += more
         findings += check_sound(sound, subject.get_location("sound"), limits)
-    tracks: MarkerTracks | ParameterTracks | None = subject.parameters
-    if tracks is None:
-        tracks = subject.markers
+    tracks = subject.markers if subject.parameters is None else subject.parameters
     if tracks is not None:
         figures |= {"frames": tracks.frames, "rate": tracks.rate, "recording_s": tracks.duration}
         part = "parameters" if tracks is subject.parameters else "markers"
@@ -233,24 +232,10 @@ def check_subject(subject: Subject, context: Context) -> tuple[list[Finding], Su
         rig = context.rig
         if rig is not None and tuple(rig.parameter_names) == params.names and there.any():
             closed, lips, offset = _measure_lips(subject, params, rig, sound, context)
-    summary = Summary(
-        subject.name,
-        subject.speaker,
-        subject.session,
-        subject.split,
-        subject.text,
-        subject.get_location(next(iter(subject.files), "")),
-        subject.get_location("sound"),
-        _compute_prints(subject),
-        figures,
-        shape,
-        closed,
-        lips,
-        offset,
-        gaps,
-        reach,
-    )
-    return findings, summary
+    identity = (subject.name, subject.speaker, subject.session, subject.split, subject.text)
+    first, sounds = (subject.get_location(p) for p in (next(iter(subject.files), ""), "sound"))
+    data = (first, sounds, _compute_prints(subject), figures, shape)
+    return findings, Summary(*identity, *data, closed, lips, offset, gaps, reach)
 
 
 def check_recording(
@@ -347,15 +332,8 @@ def _check_lengths(
 ) -> Iterator[Finding]:
     ends = [entry.end for entry in subject.tier.entries] if subject.tier is not None else []
     if subject.on_one_clock:
-        yield from check_lengths(
-            tracks.frames,
-            tracks.rate,
-            tracks.start_time,
-            sound.duration,
-            max(ends, default=None),
-            subject.get_location(part),
-            limits,
-        )
+        location, last = subject.get_location(part), max(ends, default=None)
+        yield from check_lengths(tracks, sound.duration, last, location, limits)
     elif tracks.duration > sound.duration + limits.time.length or (
         sound.duration - tracks.duration > limits.time.length_apart
     ):
@@ -405,11 +383,8 @@ def _measure_lips(
     low, high = np.quantile(gaps[np.isfinite(gaps)], (0.05, 0.95))
     offset = None
     if sound is not None and subject.on_one_clock:
-        try:
+        with contextlib.suppress(DataError):
             estimate = estimate_offset(gaps, tracks.rate, sound, start_time=tracks.start_time)
-        except DataError:
-            estimate = None
-        if estimate is not None:
             offset = (tracks.start_time - estimate.start_time, estimate.correlation)
     return closed, (float(low), float(high)), offset
 

@@ -71,16 +71,12 @@ def _create_schema(kind: str) -> Any:
     """Return pandera's schema of a table, or of the cells of a wide one (see `_group_columns`)."""
     import pandera.pandas as pa
 
-    def check(name: str, test: Any) -> Any:
-        return pa.Check(test, name=name, ignore_na=True)
-
-    def create_cell_check(name: str, test: Callable[[Any], bool]) -> Any:
-        return pa.Check(test, name=name, ignore_na=True, element_wise=True)
+    def check(name: str, test: Callable[[Any], Any], each_cell: bool = False) -> Any:
+        return pa.Check(test, name=name, ignore_na=True, element_wise=each_cell)
 
     def is_texts(value: object) -> bool:
-        if not isinstance(value, list | tuple | np.ndarray):
-            return False
-        return all(isinstance(item, str) for item in value)
+        is_list = isinstance(value, list | tuple | np.ndarray)
+        return is_list and all(isinstance(item, str) for item in value)  # type: ignore[attr-defined]
 
     def check_ends(table: pd.DataFrame) -> pd.DataFrame:
         import pandas as pd
@@ -90,10 +86,11 @@ def _create_schema(kind: str) -> Any:
         return fine
 
     free = pa.Column(str)
-    text = pa.Column(str, create_cell_check("not empty", bool))
+    text = pa.Column(str, check("not empty", bool, each_cell=True))
     finite = check("finite", lambda s: ~np.isinf(s))
     if kind == "utterances":
-        name = create_cell_check("id", lambda v: bool(_ID.fullmatch(v)))
+        name = check("id", lambda v: bool(_ID.fullmatch(v)), each_cell=True)
+        texts = check("texts", is_texts, each_cell=True)
         return pa.DataFrameSchema(
             {
                 "id": pa.Column(str, name, unique=True),
@@ -102,11 +99,12 @@ def _create_schema(kind: str) -> Any:
                 "split": text,
                 "duration": pa.Column(float, check("above 0", lambda s: s > 0)),
                 "text": free,
-                "sources": pa.Column(object, create_cell_check("texts", is_texts)),
-                "checks": pa.Column(object, create_cell_check("texts", is_texts)),
+                "sources": pa.Column(object, texts),
+                "checks": pa.Column(object, texts),
             }
         )
     if kind == "phones":
+        levels = check("stress", lambda s: s.isin((0, 1, 2)))
         level = check("decibels", lambda s: np.isfinite(s) & (s <= 20))
         return pa.DataFrameSchema(
             {
@@ -114,23 +112,17 @@ def _create_schema(kind: str) -> Any:
                 "start": pa.Column(float, finite),
                 "end": pa.Column(float, finite),
                 "phone": text,
-                "stress": pa.Column(
-                    checks=check("stress", lambda s: s.isin((0, 1, 2))), nullable=True
-                ),
+                "stress": pa.Column(checks=levels, nullable=True),
                 "word": free,
                 # pandas has a column of nothing but null as objects.
                 "energy_db": pa.Column(checks=level, nullable=True, dtype=float, coerce=True),
             },
             checks=pa.Check(check_ends, name="end after start"),
         )
+    there = check("there", lambda s: s != _MISSING)
+    numbers = check("numbers", lambda s: s.isin((_MISSING, "float64", "uint8")))
     tests = {
-        "columns": pa.Column(
-            str,
-            [
-                check("there", lambda s: s != _MISSING),
-                check("numbers", lambda s: s.isin((_MISSING, "float64", "uint8"))),
-            ],
-        ),
+        "columns": pa.Column(str, [there, numbers]),
         "finite": pa.Column(float, finite, nullable=True),
         "not negative": pa.Column(float, check("not negative", lambda s: s >= 0), nullable=True),
         "origin": pa.Column(float, check("origin", lambda s: s.isin((0, 1, 2, 3)))),

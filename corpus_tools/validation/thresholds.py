@@ -122,11 +122,8 @@ def _check(
     if section == "severity":
         allowed = [*Severity, OFF]
         if name not in load_codes():
-            raise ConfigurationError(
-                f"there is no code '{name}'",
-                path=path,
-                advice="mocap-fit validate --codes lists them all.",
-            )
+            advice = "mocap-fit validate --codes lists them all."
+            raise ConfigurationError(f"there is no code '{name}'", path=path, advice=advice)
         if value not in allowed:
             raise ConfigurationError(
                 f"{location} is no severity", path=path, found=value, expected=", ".join(allowed)

@@ -57,11 +57,9 @@ def validate(
     from mocap_fit.phones import load_phone_set
 
     if page is not None and not Path(page).absolute().parent.is_dir():
+        advice = "Make the folder, or choose another one."
         raise ConfigurationError(
-            "the page cannot be written",
-            path=page,
-            found="no such folder",
-            advice="Make the folder, or choose another one.",
+            "the page cannot be written", path=page, found="no such folder", advice=advice
         )
     limits = load_thresholds(None if thresholds is None else Path(thresholds))
     context = Context(

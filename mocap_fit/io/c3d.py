@@ -161,12 +161,9 @@ def _select_positions(parameters: _Parameters, labels: list[str], path: Path) ->
     positions = [index for index, label in enumerate(labels) if label not in others]
     left_out = [label for label in labels if label in others]
     if not positions:
-        raise FileFormatError(
-            "the file holds no points",
-            path=path,
-            found=f"{len(labels)} angles, forces, moments, powers or scalars",
-            advice="Export a recording with markers.",
-        )
+        value = f"{len(labels)} angles, forces, moments, powers or scalars"
+        advice = "Export a recording with markers."
+        raise FileFormatError("the file holds no points", path=path, found=value, advice=advice)
     if left_out:
         warnings.warn(
             f"{path}: left out, because the file lists them as angles, forces, moments, powers or "

@@ -116,11 +116,9 @@ def choose_names(
     positions: dict[str, int] = {}
     for position, name in enumerate(chosen, start=1):
         if not name:
+            advice = "Name it in the recording software and export again, or give the names."
             raise FileFormatError(
-                f"{noun} {position} has no name",
-                path=path,
-                line=line,
-                advice="Name it in the recording software and export again, or give the names.",
+                f"{noun} {position} has no name", path=path, line=line, advice=advice
             )
         if name in positions:
             raise FileFormatError(

@@ -221,11 +221,9 @@ def read_numbers(
         values = _parse_by_cell(lines, columns, separator, decimal_comma, path)
     if np.isinf(values).any():
         row, column = (int(index) for index in np.argwhere(np.isinf(values))[0])
+        line = int(lines.numbers[row])
         raise FileFormatError(
-            f"{columns[column]} is infinite",
-            path=path,
-            line=int(lines.numbers[row]),
-            expected="a number",
+            f"{columns[column]} is infinite", path=path, line=line, expected="a number"
         )
     _warn_of_loss(lost, len(values), expected_rows, path)
     rows = lines.block.split(b"\n", _SAMPLE)[:_SAMPLE]

@@ -176,11 +176,9 @@ class TextFile:
         self._file = BytesIO(content.removeprefix(_UTF8_MARK))
 
     def _create_binary_error(self) -> FileFormatError:
+        advice = "Check that it is the file you mean; its name may have the wrong ending."
         return FileFormatError(
-            "the file holds binary data",
-            path=self.path,
-            expected="text",
-            advice="Check that it is the file you mean; its name may have the wrong ending.",
+            "the file holds binary data", path=self.path, expected="text", advice=advice
         )
 
     def __enter__(self) -> Self:
@@ -264,10 +262,7 @@ class TextFile:
             raise from_os_error(error, self.path) from None
 
     def _create_zero_error(self, line: int) -> FileFormatError:
+        advice = "The file is damaged; export or copy it again."
         return FileFormatError(
-            "the line holds a zero byte",
-            path=self.path,
-            line=line,
-            expected="text",
-            advice="The file is damaged; export or copy it again.",
+            "the line holds a zero byte", path=self.path, line=line, expected="text", advice=advice
         )

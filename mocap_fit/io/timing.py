@@ -101,11 +101,9 @@ def determine_timing(
     known = file_rate if rate is None else rate
     if time is None:
         if known is None:
+            advice = "Add times, or give the rate (rate=..., in hertz)."
             raise MissingRateError(
-                "the file does not say its frame rate",
-                path=table.path,
-                line=line,
-                advice="Add times, or give the rate (rate=..., in hertz).",
+                "the file does not say its frame rate", path=table.path, line=line, advice=advice
             )
         return known, 0.0
     times = table.values[:, time] * time_unit

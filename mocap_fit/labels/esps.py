@@ -74,12 +74,9 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     """
     lines = [line.strip() for line in read_label_text(path).split("\n")]
     if "#" not in lines:
-        raise FileFormatError(
-            "the header has no end",
-            path=path,
-            expected="a line with only '#', then lines of end time, colour and label",
-            advice="Export it again; if the times are those of HTK, give reader='htk-lab'.",
-        )
+        expected = "a line with only '#', then lines of end time, colour and label"
+        advice = "Export it again; if the times are those of HTK, give reader='htk-lab'."
+        raise FileFormatError("the header has no end", path=path, expected=expected, advice=advice)
     position = lines.index("#")
     header = tuple(line for line in lines[:position] if line)
     entries = []

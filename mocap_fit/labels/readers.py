@@ -224,12 +224,8 @@ def read_labels(
             return utterances[0]
     problem = f"the file has no utterance '{name}'" if name else "the file holds several utterances"
     shown = ", ".join(labels.name for labels in utterances[:10])
-    raise DataError(
-        problem,
-        path=path,
-        found=f"{len(utterances)}: {shown}{', …' if len(utterances) > 10 else ''}",
-        advice="Give the name of one of them.",
-    )
+    value = f"{len(utterances)}: {shown}{', …' if len(utterances) > 10 else ''}"
+    raise DataError(problem, path=path, found=value, advice="Give the name of one of them.")
 
 
 def write_labels(

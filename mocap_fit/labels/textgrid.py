@@ -63,13 +63,9 @@ class _Tokens:
 
     def create_error(self, problem: str, value: object, expected: str) -> FileFormatError:
         line = self.text.count("\n", 0, self.position) + 1
+        advice = "Open and save it in Praat, or mend the line."
         return FileFormatError(
-            problem,
-            path=self.path,
-            line=line,
-            found=value,
-            expected=expected,
-            advice="Open and save it in Praat, or mend the line.",
+            problem, path=self.path, line=line, found=value, expected=expected, advice=advice
         )
 
     def _read_token(self, expected: str) -> tuple[str, str]:

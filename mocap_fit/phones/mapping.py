@@ -139,15 +139,12 @@ def normalise_phones(
             phones.append(new)
         labels.append(segment.phone)
     if any(segment.stress for segment in phones):
-        phones = [
-            dataclasses.replace(segment, stress=0)
-            if segment.stress is None and known_set.get_phone(segment.phone).takes_stress
-            else segment
-            for segment in phones
-        ]
-    return sequence.replace(segments=tuple(phones), phone_set=known_set.name).add_step(
-        "normalise_phones", {"phone_set": known_set.name, "table": dict(table)}
-    )
+        for index, segment in enumerate(phones):
+            if segment.stress is None and known_set.get_phone(segment.phone).takes_stress:
+                phones[index] = dataclasses.replace(segment, stress=0)
+    result = sequence.replace(segments=tuple(phones), phone_set=known_set.name)
+    arguments = {"phone_set": known_set.name, "table": dict(table)}
+    return result.add_step("normalise_phones", arguments)
 
 
 def map_phones(
@@ -191,10 +188,8 @@ def map_phones(
     target = _load(to)
     origin = source if source is not None else sequence.phone_set
     if not origin:
-        raise DataError(
-            f"the phone set of '{sequence.name}' is not known",
-            advice="Name it: map_phones(..., source=NAME).",
-        )
+        advice = "Name it: map_phones(..., source=NAME)."
+        raise DataError(f"the phone set of '{sequence.name}' is not known", advice=advice)
     source_set = _load(origin)
     sound_map = _SoundMap(source_set, target, table or {}, nearest)
     mapped: list[PhoneSegment] = []
@@ -214,15 +209,9 @@ def map_phones(
         f"of '{source_set.name}' have no sound in the phone set '{target.name}'",
         "Give a table for them, or take the nearest sounds (nearest=True).",
     )
-    arguments = {
-        "from": source_set.name,
-        "to": target.name,
-        "table": dict(table or {}),
-        "nearest": nearest,
-    }
-    return sequence.replace(segments=tuple(mapped), phone_set=target.name).add_step(
-        "map_phones", arguments
-    )
+    arguments = {"from": source_set.name, "to": target.name, "table": dict(table or {})}
+    result = sequence.replace(segments=tuple(mapped), phone_set=target.name)
+    return result.add_step("map_phones", arguments | {"nearest": nearest})
 
 
 class _SoundMap:
@@ -270,12 +259,8 @@ class _SoundMap:
 # Weights of the squared differences of features, chosen and not measured: what the lips show
 # counts most, the place of the tongue less, voice least.
 _CORONALS = ("dental", "retroflex", "alveolar")
-_WEIGHTS = dict.fromkeys(_CORONALS, 0.2) | {
-    "bilabial": 4.0,
-    "labiodental": 4.0,
-    "voiced": 0.25,
-    "front": 0.5,
-}
+_WEIGHTS = {"bilabial": 4.0, "labiodental": 4.0, "voiced": 0.25, "front": 0.5}
+_WEIGHTS |= dict.fromkeys(_CORONALS, 0.2)
 _WEIGHT_ROW = np.array([_WEIGHTS.get(name, 1.0) for name in FEATURE_NAMES])
 # Length and being a diphthong are not among the features.
 _LENGTH_WEIGHT, _DIPHTHONG_WEIGHT = 0.05, 1.0
@@ -322,10 +307,8 @@ def _count_symbols(segments: Iterable[tuple[str, PhoneSegment]]) -> tuple[Unknow
     occurrences: dict[str, list[tuple[str, float]]] = {}
     for utterance, segment in segments:
         occurrences.setdefault(segment.phone, []).append((utterance, segment.start))
-    return tuple(
-        UnknownPhone(symbol, len(where), tuple(where[:_SHOWN]))
-        for symbol, where in occurrences.items()
-    )
+    items = occurrences.items()
+    return tuple(UnknownPhone(phone, len(where), tuple(where[:_SHOWN])) for phone, where in items)
 
 
 def _refuse(segments: Iterable[tuple[str, PhoneSegment]], problem: str, advice: str) -> None:

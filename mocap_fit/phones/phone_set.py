@@ -169,10 +169,8 @@ class PhoneSet:
         parsed = self.parse(label)
         result = self._look_up_or_compute(parsed[0]) if parsed is not None else None
         if result is None:
-            raise DataError(
-                f"the phone set '{self.name}' has no phone '{label}'",
-                advice="Add it to the file of the set, or map the labels to this set.",
-            )
+            advice = "Add it to the file of the set, or map the labels to this set."
+            raise DataError(f"the phone set '{self.name}' has no phone '{label}'", advice=advice)
         return result
 
     def list_symbols(self, stress: bool = True) -> tuple[str, ...]:
@@ -341,10 +339,8 @@ class PhoneSet:
             If there is no such phone or no such parameter.
         """
         if parameter not in ARTICULATORY_PARAMETERS:
-            raise DataError(
-                f"there is no articulatory parameter '{parameter}'",
-                expected=f"one of {', '.join(ARTICULATORY_PARAMETERS)}",
-            )
+            expected = f"one of {', '.join(ARTICULATORY_PARAMETERS)}"
+            raise DataError(f"there is no articulatory parameter '{parameter}'", expected=expected)
         return parameter in (self.get_phone(phone).resists or ())
 
     def select(self, phones: Iterable[str]) -> PhoneSet:

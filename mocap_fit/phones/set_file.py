@@ -14,6 +14,7 @@ from mocap_fit.phones.phone_set import PhoneSet
 from mocap_fit.phones.stress import StressMarks
 from mocap_fit.settings_file import StrictModel, list_shipped, load_settings
 
+_KINDS = (*PLACES, *MANNERS)
 _Share = Annotated[float, Field(ge=0, le=1)]
 _Graded = Annotated[float, Field(ge=-1, le=1)]
 _Text = Annotated[str, Field(min_length=1)]
@@ -47,26 +48,23 @@ class _Row(StrictModel):
     @field_validator("kind")
     @classmethod
     def _check_features(cls, kind: str) -> str:
-        unknown = [word for word in kind.split() if word not in (*PLACES, *MANNERS)]
-        if unknown:
-            raise ValueError(
-                f"there is no feature '{unknown[0]}'; use {', '.join((*PLACES, *MANNERS))}"
-            )
+        for word in kind.split():
+            if word not in _KINDS:
+                raise ValueError(f"there is no feature '{word}'; use {', '.join(_KINDS)}")
         return kind
 
     @field_validator("resists")
     @classmethod
     def _check_parameters(cls, resists: tuple[str, ...] | None) -> tuple[str, ...] | None:
-        unknown = [name for name in resists or () if name not in ARTICULATORY_PARAMETERS]
-        if unknown:
-            raise ValueError(
-                f"there is no parameter '{unknown[0]}'; use {', '.join(ARTICULATORY_PARAMETERS)}"
-            )
+        for name in resists or ():
+            if name not in ARTICULATORY_PARAMETERS:
+                known = ", ".join(ARTICULATORY_PARAMETERS)
+                raise ValueError(f"there is no parameter '{name}'; use {known}")
         return resists
 
     def to_phone(self, symbol: str, kind: Literal["vowel", "consonant"], stress: bool) -> Phone:
         """Convert the row to a phone."""
-        values = {name: getattr(self, name) for name in (*PLACES, *MANNERS, *VOWEL_FEATURES)}
+        values = {name: getattr(self, name) for name in (*_KINDS, *VOWEL_FEATURES)}
         values |= dict.fromkeys(self.kind.split(), 1.0)
         return Phone(
             _compose(symbol),
@@ -141,10 +139,9 @@ class _SetFile(StrictModel):
         symbols: dict[str, str] = {}
         for symbol, row in {**self.vowels, **self.consonants}.items():
             for sound in (row.ipa,) if isinstance(row.ipa, str) else row.ipa:
-                if symbols.setdefault(_compose(sound), symbol) != symbol:
-                    raise ValueError(
-                        f"'{symbols[_compose(sound)]}' and '{symbol}' have the same ipa '{sound}'"
-                    )
+                other = symbols.setdefault(_compose(sound), symbol)
+                if other != symbol:
+                    raise ValueError(f"'{other}' and '{symbol}' have the same ipa '{sound}'")
         return self
 
     def to_phones(self) -> tuple[Phone, ...]:

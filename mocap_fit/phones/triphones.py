@@ -9,7 +9,7 @@ sentences at the top of a heap are counted again (lazy evaluation; Minoux 1978).
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import islice
 
@@ -105,7 +105,8 @@ def count_triphones(sentences: Iterable[Codes], phones: int) -> TriphoneTable:
     codes: list[NDArray[np.int64]] = []
     kinds = np.empty(0, dtype=np.int64)
     counts = np.empty(0, dtype=np.int64)
-    for batch in _split_into_batches(iter(sentences)):
+    remaining = iter(sentences)
+    while batch := list(islice(remaining, _BATCH)):
         sizes = np.array([sentence.size for sentence in batch])
         every = np.concatenate(batch).astype(np.int64)
         owner = np.repeat(np.arange(len(batch)), sizes)
@@ -174,13 +175,5 @@ def cover_triphones(
         triphones = table.get_triphones(sentence)
         occurrences[rank] = table.occurrences[triphones[new[triphones]]].sum()
         new[triphones] = False
-    return Selection(
-        np.array(selected, dtype=np.int64),
-        np.cumsum(np.array(gains, dtype=np.int64)),
-        np.cumsum(occurrences),
-    )
-
-
-def _split_into_batches(sentences: Iterator[Codes]) -> Iterator[list[Codes]]:
-    while batch := list(islice(sentences, _BATCH)):
-        yield batch
+    sentences, covered_kinds = np.array([selected, gains], dtype=np.int64)
+    return Selection(sentences, np.cumsum(covered_kinds), np.cumsum(occurrences))
