@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_fit.face import Rig
-from mocap_fit.face.rig import CompiledRig, evaluate
+from mocap_fit.face import Rig, compute_lip_gap
 from mocap_fit.tracks import FloatArray
 
 JAW, UPPER, LOWER = "jaw_rotation", "upper_lip_raise", "lower_lip_depression"
@@ -44,35 +43,9 @@ class LipDistance:
         LipDistance
             The distance at rest and its slopes.
         """
-        rest = float(measure_lip_distances(face, np.zeros((1, len(face.parameter_names))))[0])
-        positions = measure_lip_distances(face, _STEP * np.eye(len(face.parameter_names)))
+        rest = float(compute_lip_gap(face, np.zeros((1, len(face.parameter_names))))[0])
+        positions = compute_lip_gap(face, _STEP * np.eye(len(face.parameter_names)))
         return cls(rest, (positions - rest) / _STEP)
-
-
-def measure_lip_distances(face: Rig, values: FloatArray) -> FloatArray:
-    """Measure the height of the mouth's opening in the middle.
-
-    Parameters
-    ----------
-    face
-        A face that has MPEG-4's inner lip points 2.2 and 2.3.
-    values
-        Parameters, ``(frames, parameters)``, full gestures.
-
-    Returns
-    -------
-    ndarray
-        Heights, ``(frames,)``, millimetres; below 0 where the lips overlap.
-    """
-    points = np.array([face.mesh.get_feature_point("2.2"), face.mesh.get_feature_point("2.3")])
-    compiled: CompiledRig | None = face.compile(points)
-    distances = np.empty(len(values))
-    for frame, parameters in enumerate(values):
-        upper, lower = (
-            face.deform(parameters)[points] if compiled is None else evaluate(compiled, parameters)
-        )
-        distances[frame] = upper[1] - lower[1]
-    return distances
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -62,9 +63,10 @@ class CohenMassaro(ParameterwiseModel):
     name: ClassVar[str] = "cohen-massaro"
     title: ClassVar[str] = "Cohen-Massaro"
 
-    def _learn_parameters(
-        self, data: Utterances, held_out: Utterances, progress: Progress, stored: Checkpoint
+    def _learn(
+        self, data: Utterances, held_out: Utterances, progress: Progress, checkpoint: Path | None
     ) -> None:
+        stored = Checkpoint(checkpoint, self.name, self.get_params(), (data, held_out))
         phones = len(self.symbols_)
         frames = [_prepare_frames(each) for each in data]
         held_out_frames = [_prepare_frames(each) for each in held_out]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -81,9 +82,10 @@ class Ohman(ParameterwiseModel):
     def _max_pause(self) -> float | None:
         return self.pause
 
-    def _learn_parameters(
-        self, data: Utterances, held_out: Utterances, progress: Progress, stored: Checkpoint
+    def _learn(
+        self, data: Utterances, held_out: Utterances, progress: Progress, checkpoint: Path | None
     ) -> None:
+        stored = Checkpoint(checkpoint, self.name, self.get_params(), (data, held_out))
         blends = self._stack_blends(data), self._stack_blends(held_out)
         shape = (len(self.parameter_names_), len(self.symbols_))
         #: Targets of vowels and consonants, ``(parameters, phones)``.

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import abc
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -14,7 +12,7 @@ from pydantic import NonNegativeFloat, PositiveInt
 from mocap_fit.control.base import LogEntry, Progress
 from mocap_fit.control.checkpoint import Checkpoint
 from mocap_fit.control.levenberg_marquardt import NormalEquations, minimise
-from mocap_fit.control.symbol_model import SymbolModel, Utterances
+from mocap_fit.control.symbol_model import SymbolModel
 from mocap_fit.tracks import FloatArray
 
 
@@ -129,18 +127,6 @@ class ParameterwiseModel(SymbolModel):
     tol: NonNegativeFloat = 1e-3
     patience: PositiveInt = 3
     l2: NonNegativeFloat = 1.0
-
-    def _learn(
-        self, data: Utterances, held_out: Utterances, progress: Progress, checkpoint: Path | None
-    ) -> None:
-        stored = Checkpoint(checkpoint, self.name, self.get_params(), (data, held_out))
-        self._learn_parameters(data, held_out, progress, stored)
-
-    @abc.abstractmethod
-    def _learn_parameters(
-        self, data: Utterances, held_out: Utterances, progress: Progress, stored: Checkpoint
-    ) -> None:
-        """Learn every articulatory parameter, with `_minimise`."""
 
     def _minimise(
         self,

@@ -92,8 +92,7 @@ class RuleBased(ControlModel):
             If there is no such table of rules.
         """
         chosen = load_phone_set(phone_set) if isinstance(phone_set, str) else phone_set
-        table = load_rules(chosen, self.rules)
-        self.table_: RuleTable = table
+        self.table_: RuleTable = load_rules(chosen, self.rules)
         self.phone_set_ = chosen
         self.parameter_names_, self.rate_ = tuple(parameter_names), rate
         self.trained_on_ = {"language": chosen.language, "phone_set": chosen.name, "utterances": 0}

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mocap_fit.control import ControlModel
 from mocap_fit.control.single_thread import limit_to_one_thread
@@ -17,6 +16,7 @@ from mocap_fit.errors import DataError
 from mocap_fit.evaluation.closure import LipGaps, concatenate_gaps, measure_gaps
 from mocap_fit.evaluation.measures import (
     DEFINITIONS,
+    GROUP_LABELS,
     GROUPS,
     SUMS,
     average,
@@ -254,7 +254,7 @@ class Evaluation:
         """
         header = ["model", "free parameters"]
         for group in groups:
-            suffix = "" if len(groups) == 1 else f", {_LABELS[group]}"
+            suffix = "" if len(groups) == 1 else f", {GROUP_LABELS[group]}"
             header += [f"RMSE %{suffix}", f"r{suffix}"]
         rmse, correlation = self.compute_averages("rmse"), self.compute_averages("correlation")
         rows = []
@@ -351,9 +351,6 @@ class Evaluation:
         }
 
 
-_LABELS = {"all": "all but silence", "vowels": "vowels", "consonants": "consonants"}
-
-
 def evaluate(
     corpus: Corpus,
     models: Mapping[str, ControlModel],
@@ -436,9 +433,13 @@ def evaluate(
     # The range of all utterances is needed before the first is scored.
     takes = [(utterance.read_tracks(), utterance.read_phones()) for utterance in corpus]
     marked = [mark_groups(phones, corpus.phone_set, tracks.times) for tracks, phones in takes]
-    if not sum(int(groups[0].sum()) for groups in marked):
+    speech = np.concatenate(
+        [tracks.values[groups[0]] for (tracks, _), groups in zip(takes, marked, strict=True)]
+    )
+    if not len(speech):
         raise DataError("no frame of the corpus lies in a phone that is speech")
-    low, high = _find_range([tracks.values for tracks, _ in takes], marked)
+    low = np.min(np.where(np.isfinite(speech), speech, np.inf), axis=0)
+    high = np.max(np.where(np.isfinite(speech), speech, -np.inf), axis=0)
     centre = np.where(np.isfinite(low) & np.isfinite(high), 0.5 * (low + high), 0.0)
     ranges = np.where(high > low, high - low, 0.0)
     sums = np.zeros((len(corpus), len(models), len(GROUPS), len(corpus.parameter_names), SUMS))
@@ -476,13 +477,3 @@ def evaluate(
         int(joined["target"].bilabials.size),
         seed,
     )
-
-
-def _find_range(
-    values: Sequence[FloatArray], marked: Sequence[NDArray[np.bool_]]
-) -> tuple[FloatArray, FloatArray]:
-    """Find the least and the largest target of each parameter over all frames of speech."""
-    speech = np.concatenate([each[groups[0]] for each, groups in zip(values, marked, strict=True)])
-    low = np.min(np.where(np.isfinite(speech), speech, np.inf), axis=0)
-    high = np.max(np.where(np.isfinite(speech), speech, -np.inf), axis=0)
-    return low, high

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mocap_fit.drawing import CYCLE, GREY, INK, PALE, create_figure, write_title
-from mocap_fit.evaluation.measures import GROUPS
+from mocap_fit.evaluation.measures import GROUP_LABELS
 from mocap_fit.phones import PhoneSequence
 from mocap_fit.tracks import FloatArray, ParameterTracks
 
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from mocap_fit.control.cohen_massaro import CohenMassaro
     from mocap_fit.evaluation.evaluation import Evaluation
 
-_LABELS = {"all": "all but silence", "vowels": "vowels", "consonants": "consonants"}
 _TITLES = {"rmse": "RMSE (% of the range; less is better)", "correlation": "correlation"}
 
 
@@ -57,7 +56,7 @@ def draw_scores(ax: Axes, evaluation: Evaluation, measure: str) -> None:
     """
     order = [evaluation.models.index(name) for name in reversed(evaluation.rank_models())]
     values, low, high = evaluation.compute_averages(measure)
-    for g, group in enumerate(GROUPS):
+    for g, label in enumerate(GROUP_LABELS.values()):
         value = values[order, g]
         ax.errorbar(
             value,
@@ -67,7 +66,7 @@ def draw_scores(ax: Axes, evaluation: Evaluation, measure: str) -> None:
             ms=4.5 if g == 0 else 3,
             lw=1.4 if g == 0 else 0.9,
             color=(INK, CYCLE[0], CYCLE[1])[g],
-            label=_LABELS[group],
+            label=label,
         )
     ax.set_title(_TITLES[measure])
     ax.grid(axis="x")

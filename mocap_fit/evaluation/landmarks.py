@@ -34,7 +34,7 @@ from mocap_fit.evaluation.measures import (
 )
 from mocap_fit.evaluation.tables import format_html, format_text
 from mocap_fit.face import Rig, load_face
-from mocap_fit.face.rig import evaluate as evaluate_rig
+from mocap_fit.face.rig import deform_points
 from mocap_fit.fitting import Layout, load_layout
 from mocap_fit.head import match_size, remove_head_motion
 from mocap_fit.tracks import FloatArray, MarkerTracks, estimate_similarity_transform
@@ -276,14 +276,7 @@ class _Mouth:
 
     def measure_face(self, values: FloatArray) -> FloatArray:
         """Measure the mouth of the face, ``(frames, measures)``, millimetres; NaN where missing."""
-        compiled = self._rig.compile(self._vertices)
-        points = np.full((len(values), len(self._points), 3), np.nan)
-        for i in np.flatnonzero(np.isfinite(values).all(axis=1)):
-            if compiled is None:
-                points[i] = self._rig.deform(values[i])[self._vertices]
-            else:
-                points[i] = evaluate_rig(compiled, values[i])
-        return self._measure(points)
+        return self._measure(deform_points(self._rig, self._vertices, values))
 
     def _measure(self, points: FloatArray) -> FloatArray:
         lips, corners, chin, outer = self._columns

@@ -25,7 +25,8 @@ from mocap_fit.phones import PhoneSequence, PhoneSet
 from mocap_fit.tracks import FloatArray
 
 DEFINITIONS = 1
-GROUPS = ("all", "vowels", "consonants")
+GROUP_LABELS = {"all": "all but silence", "vowels": "vowels", "consonants": "consonants"}
+GROUPS = tuple(GROUP_LABELS)
 # What is summed over frames: 1, squared error, target, prediction, their squares, their product.
 _COUNT, _ERROR, _TARGET, _PREDICTED, _TARGETS, _PREDICTEDS, _PRODUCT = range(7)
 SUMS = 7

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from mocap_fit.errors import DataError
 from mocap_fit.face.mesh import IndexArray
-from mocap_fit.face.rig import Rig, evaluate
+from mocap_fit.face.rig import Rig, deform_points
 from mocap_fit.tracks import FloatArray
 
 # The middle of the inner upper lip and of the inner lower lip (MPEG-4).
@@ -44,9 +44,5 @@ def compute_lip_gap(rig: Rig, values: ArrayLike) -> FloatArray:
             expected=f"(frames, {len(names)}): {', '.join(names)}",
         )
     lips: IndexArray = np.array([rig.mesh.get_feature_point(p) for p in (UPPER_LIP, LOWER_LIP)])
-    compiled = rig.compile(lips)
-    gaps = np.full(len(frames), np.nan)
-    for i in np.flatnonzero(np.isfinite(frames).all(axis=1)):
-        ends = rig.deform(frames[i])[lips] if compiled is None else evaluate(compiled, frames[i])
-        gaps[i] = ends[0, 1] - ends[1, 1]
-    return gaps
+    heights = deform_points(rig, lips, frames)[:, :, 1]
+    return np.asarray(heights[:, 0] - heights[:, 1])

@@ -231,6 +231,31 @@ def to_parameters(values: Mapping[str, float], names: tuple[str, ...]) -> FloatA
     return check_parameters([float(values.get(name, 0.0)) for name in names], names)
 
 
+def deform_points(rig: Rig, vertices: IndexArray, values: FloatArray) -> FloatArray:
+    """Return some vertices of a deformed mesh, frame by frame.
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    vertices
+        Indices of the vertices, ``(vertices,)``.
+    values
+        Values of the parameters, ``(frames, parameters)``: 0 is rest, 1 the full gesture.
+
+    Returns
+    -------
+    ndarray
+        Positions, ``(frames, vertices, 3)``, millimetres; NaN where a parameter is.
+    """
+    compiled = rig.compile(vertices)
+    points = np.full((len(values), len(vertices), 3), np.nan)
+    for i in np.flatnonzero(np.isfinite(values).all(axis=1)):
+        row = values[i]
+        points[i] = rig.deform(row)[vertices] if compiled is None else evaluate(compiled, row)
+    return points
+
+
 def evaluate(compiled: CompiledRig, parameters: FloatArray) -> FloatArray:
     """Compute the vertices of a compiled rig, in plain numpy.
 

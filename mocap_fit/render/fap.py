@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from mocap_fit.atomic_file import write_text
 from mocap_fit.face.fap import FAP_COUNT, FAPS, Fap, measure_fap_units
-from mocap_fit.face.rig import Rig, evaluate
+from mocap_fit.face.rig import Rig, deform_points
 from mocap_fit.render.sampling import sample_frames
-from mocap_fit.tracks import FloatArray, ParameterTracks
+from mocap_fit.tracks import ParameterTracks
 
 _UNIT = 1024.0
 
@@ -55,18 +55,11 @@ def measure_faps(
     _, values = sample_frames(tracks, rig, rate)
     faps = tuple(fap for fap in FAPS if fap.point in mesh.feature_points)
     vertices = np.array([mesh.feature_points[fap.point] for fap in faps])
-    compiled = rig.compile(vertices)
-
-    def move_points(parameters: FloatArray) -> FloatArray:
-        return (
-            rig.deform(parameters)[vertices] if compiled is None else evaluate(compiled, parameters)
-        )
-
-    rest = move_points(np.zeros(len(rig.parameter_names)))
+    rest = deform_points(rig, vertices, np.zeros((1, len(rig.parameter_names))))
     signs = np.array([fap.direction[0] for fap in faps])
     axes = np.array([fap.direction[1] for fap in faps])
     scale = np.array([_UNIT / units[fap.unit] for fap in faps])
-    displacements = np.stack([move_points(frame) for frame in values]) - rest
+    displacements = deform_points(rig, vertices, values) - rest
     along = displacements[:, np.arange(len(faps)), axes]
     return faps, np.rint(signs * scale * along).astype(np.int64)
 

@@ -6,7 +6,6 @@ process. Each is written completely or not at all.
 
 from __future__ import annotations
 
-import contextlib
 import math
 import os
 import shutil
@@ -253,8 +252,9 @@ class MovieFile:
             command += ["-vf", "split[a][b];[a]palettegen=stats_mode=diff[p];[b][p]paletteuse"]
             command += ["-loop", "0"]
         else:
-            sound_file = self._write_sound()
-            if sound_file is not None:
+            if self._sound is not None and len(self._sound.samples):
+                sound_file = self._folder / "sound.wav"
+                write_sound(_convert_for_aac(self._sound), sound_file)
                 command += ["-i", str(sound_file), "-c:a", "aac", "-b:a", "128k"]
             # The output of x264 depends on the number of threads: it is fixed, so that the same
             # pictures give the same bytes on every machine.
@@ -285,37 +285,27 @@ class MovieFile:
         assert self._folder is not None
         return self._folder / f"movie.{self.kind}"
 
-    def _write_sound(self) -> Path | None:
-        if self._sound is None or not len(self._sound.samples):
-            return None
-        assert self._folder is not None
-        path = self._folder / "sound.wav"
-        write_sound(_convert_for_aac(self._sound), path)
-        return path
-
     def _complete(self) -> None:
         assert self._folder is not None
         if not self.frames:
             raise DataError("the movie has no pictures", path=self.path)
-        if self._process is None:
+        if self._process is not None:
+            assert self._process.stdin is not None
             try:
-                if self.path.exists():
-                    shutil.rmtree(self.path)
-                os.replace(self._folder, self.path)
-                # Only its owner may read a temporary folder.
-                self.path.chmod(0o777 & ~_read_umask())
-            except OSError as error:
-                raise self._describe_os_error(error) from None
-            return
-        assert self._process.stdin is not None
+                self._process.stdin.close()
+            except OSError:
+                raise self._describe_failure() from None
+            if self._process.wait() != 0:
+                raise self._describe_failure()
         try:
-            self._process.stdin.close()
-        except OSError:
-            raise self._describe_failure() from None
-        if self._process.wait() != 0:
-            raise self._describe_failure()
-        try:
-            os.replace(self._content, self.path)
+            if self.kind != "png":
+                os.replace(self._content, self.path)
+                return
+            if self.path.exists():
+                shutil.rmtree(self.path)
+            os.replace(self._folder, self.path)
+            # Only its owner may read a temporary folder.
+            self.path.chmod(0o777 & ~_read_umask())
         except OSError as error:
             raise self._describe_os_error(error) from None
 
@@ -342,12 +332,8 @@ class MovieFile:
 
     def _clean_up(self) -> None:
         if self._process is not None:
-            if self._process.poll() is None:
-                self._process.kill()
-                self._process.wait()
-            if self._process.stdin is not None and not self._process.stdin.closed:
-                with contextlib.suppress(OSError):
-                    self._process.stdin.close()
+            self._process.kill()
+            self._process.communicate()
             self._process = None
         if self._messages is not None:
             self._messages.close()

@@ -312,17 +312,17 @@ def _create_decoder(
         "cmn": "batch",
         "loglevel": "FATAL",
     }
-    for key, path in (("dict", dictionary), ("hmm", acoustic_model)):
-        if path is not None:
-            if key == "dict":
-                check_file(path)
-            elif not (Path(path) / "mdef").is_file():
-                raise ConfigurationError(
-                    "this is no acoustic model of pocketsphinx",
-                    path=path,
-                    expected="a folder with mdef, means, variances and what belongs to them",
-                )
-            settings[key] = os.fspath(path)
+    if dictionary is not None:
+        check_file(dictionary)
+        settings["dict"] = os.fspath(dictionary)
+    if acoustic_model is not None:
+        if not (Path(acoustic_model) / "mdef").is_file():
+            raise ConfigurationError(
+                "this is no acoustic model of pocketsphinx",
+                path=acoustic_model,
+                expected="a folder with mdef, means, variances and what belongs to them",
+            )
+        settings["hmm"] = os.fspath(acoustic_model)
     try:
         return Decoder(**settings)
     except (RuntimeError, ValueError) as error:

@@ -10,7 +10,6 @@ import numpy as np
 from mocap_fit.control.cart.closures import Closure
 from mocap_fit.tracks import FloatArray
 
-INTERPOLATIONS = ("cubic", "linear", "cosine")
 # The Gaussian that smooths: its nodes in standard deviations, and its weights.
 _NODES = np.linspace(-2.4, 2.4, 17)
 _WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()

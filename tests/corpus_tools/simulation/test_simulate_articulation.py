@@ -10,7 +10,6 @@ from corpus_tools.simulation.durations import time_words
 from corpus_tools.simulation.dynamics import (
     LipDistance,
     MotionTargets,
-    measure_lip_distances,
     simulate_motion,
 )
 from corpus_tools.simulation.sentences import list_languages, load_language
@@ -22,7 +21,7 @@ from corpus_tools.simulation.speech_sound import (
 )
 from corpus_tools.simulation.traits import TRAITS, get_traits, load_table
 from mocap_fit.errors import MissingFileError
-from mocap_fit.face import load_face
+from mocap_fit.face import compute_lip_gap, load_face
 from mocap_fit.phones import PhoneSegment, PhoneSequence, load_phone_set
 from mocap_fit.sound import Sound, decode_pulses, energy_db
 
@@ -71,7 +70,7 @@ def test_lips_close_on_every_bilabial(said, face, language):
         said,
         language,
         lambda phone, _: "bilabial_stop" in phone.get_classes(),
-        lambda values: measure_lip_distances(face, values),
+        lambda values: compute_lip_gap(face, values),
     )
     assert len(gaps) > 25
     # On the face at rest they are 0.08 mm apart.
@@ -82,7 +81,7 @@ def test_lips_close_on_every_bilabial(said, face, language):
 @every_language
 def test_lips_are_closed_before_and_after_speech(said, face, language):
     for phones, times, values in said[language][1]:
-        gaps = measure_lip_distances(face, values[[0, -1]])
+        gaps = compute_lip_gap(face, values[[0, -1]])
         assert np.abs(gaps).max() < 1.5
         assert times[-1] < phones.duration
 
@@ -94,7 +93,7 @@ def test_labiodentals_bring_the_lower_lip_up_and_in(said, face, language):
         said,
         language,
         lambda phone, _: phone.values["labiodental"] == 1,
-        lambda values: measure_lip_distances(face, values),
+        lambda values: compute_lip_gap(face, values),
     )
     pulled = at_centres(
         said,
@@ -220,7 +219,7 @@ def test_the_lips_meet_however_open_the_jaw_is(face):
         values = say(face, phones)[1]
         frame = round(phones[2].centre * FRAMES)
         found.append(values[frame])
-        assert -1.5 < measure_lip_distances(face, values[frame : frame + 1])[0] < 0.1
+        assert -1.5 < compute_lip_gap(face, values[frame : frame + 1])[0] < 0.1
     opened, closed = found
     lower = face.parameter_names.index("lower_lip_depression")
     assert opened[jaw] > closed[jaw] + 0.05
@@ -270,7 +269,7 @@ def test_the_lips_distance_is_that_of_the_face(face):
     rng = np.random.default_rng(0)
     values = rng.uniform(-0.2, 0.3, (20, len(face.parameter_names)))
     np.testing.assert_allclose(
-        lips.rest + values @ lips.slopes, measure_lip_distances(face, values), atol=0.4
+        lips.rest + values @ lips.slopes, compute_lip_gap(face, values), atol=0.4
     )
 
 

@@ -10,9 +10,8 @@ from corpus_tools.cli import app as cli
 from corpus_tools.conversion.entries import list_entries
 from corpus_tools.conversion.manifest import load_manifest
 from corpus_tools.simulation import list_languages
-from corpus_tools.simulation.dynamics import measure_lip_distances
 from corpus_tools.simulation.simulate import is_test
-from mocap_fit.face import load_face
+from mocap_fit.face import compute_lip_gap, load_face
 from mocap_fit.io import read_tracks
 from mocap_fit.labels import read_labels, read_phones
 from mocap_fit.phones import load_phone_set, normalise_phones
@@ -133,7 +132,7 @@ def test_face_and_sound_agree_with_the_labels(corpus):
             phone = phone_set.get_phone(segment)
             if "bilabial_stop" in phone.get_classes():
                 values = [np.interp(segment.centre, truth.times, row) for row in truth.values.T]
-                closures.append(measure_lip_distances(face, np.array([values]))[0])
+                closures.append(compute_lip_gap(face, np.array([values]))[0])
             if phone.kind in energies:
                 energies[phone.kind].append(level)
     assert all(gap < 0.5 for gap in closures)
