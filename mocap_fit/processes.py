@@ -57,28 +57,47 @@ def limit_threads() -> None:
     os.environ["JE_ARROW_MALLOC_CONF"] = "background_thread:false"
 
 
-@contextlib.contextmanager
-def use_one_thread() -> Iterator[None]:
-    """Let numerical libraries use one thread, so that sums do not depend on the machine.
+_blas_lock = threading.Lock()
+# Libraries, and the numbers of threads to restore when the last context is left.
+_former_threads: list[tuple[Any, int]] = []
+_blas_contexts = 0
 
-    It holds for libraries that are loaded already and for those that are loaded inside; it also
-    decorates functions.
+
+@contextlib.contextmanager
+def limit_to_one_thread() -> Iterator[None]:
+    """Limit BLAS to one thread, so that its sums do not depend on the number of cores.
+
+    It holds while any thread of the program is in such a context; it also decorates functions.
 
     Yields
     ------
     None
-        Nothing.
+        The former numbers of threads return when the last context is left.
     """
-    from threadpoolctl import threadpool_limits
+    import scipy.linalg  # noqa: F401  # Its BLAS is limited only once it is loaded.
+    from threadpoolctl import ThreadpoolController
 
-    before = dict(os.environ)
-    limit_threads()
+    global _blas_contexts
+    libraries = ThreadpoolController().select(user_api="blas").lib_controllers
+    with _blas_lock:
+        if not _blas_contexts:
+            _former_threads[:] = [(library, library.num_threads) for library in libraries]
+        _blas_contexts += 1
+        for library in libraries:
+            _set_threads(library, 1)
     try:
-        with threadpool_limits(limits=1):
-            yield
+        yield
     finally:
-        os.environ.clear()
-        os.environ.update(before)
+        with _blas_lock:
+            _blas_contexts -= 1
+            if not _blas_contexts:
+                for library, count in _former_threads:
+                    _set_threads(library, count)
+
+
+def _set_threads(library: Any, count: int) -> None:
+    # `set_num_threads` of threadpoolctl 3.7 and later obeys only the first thread that called it.
+    getattr(library, "_real_set_num_threads", library.set_num_threads)(count)
 
 
 def count_cores() -> int:

@@ -27,7 +27,7 @@ from corpus_tools.tasks import TaskProgress
 from corpus_tools.training.evaluate import format_sections
 from mocap_fit.atomic_file import make_folder, write_text
 from mocap_fit.errors import ConfigurationError, MissingExtraError, MocapFitWarning
-from mocap_fit.processes import use_one_thread
+from mocap_fit.processes import limit_to_one_thread
 
 _README, _PAGE, _REPORT = "README.txt", "index.html", "report.json"
 _FIRST_LINE = "Made by `mocap-fit demo`, and replaced when it runs again into this folder."
@@ -105,7 +105,7 @@ class DemoReport:
         return f"DemoReport({self.talk.result.utterances} test sentences, page={self.page})"
 
 
-@use_one_thread()
+@limit_to_one_thread()
 def demo(
     out: str | os.PathLike[str] = "mocap-fit-demo",
     *,

@@ -12,7 +12,7 @@ from corpus_tools.tasks import TaskProgress
 from mocap_fit import control
 from mocap_fit.control import ControlModel
 from mocap_fit.corpus import Corpus
-from mocap_fit.processes import use_one_thread
+from mocap_fit.processes import limit_to_one_thread
 
 if TYPE_CHECKING:
     from mocap_fit.evaluation import Evaluation
@@ -94,7 +94,7 @@ class VoicesReport:
         return f"VoicesReport({names}, folder={self.folder})"
 
 
-@use_one_thread()
+@limit_to_one_thread()
 def prepare_voices(
     languages: Sequence[str] = (),
     names: Sequence[str] = (),

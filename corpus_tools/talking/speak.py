@@ -16,7 +16,7 @@ from mocap_fit.errors import ConfigurationError, FileFormatError
 from mocap_fit.face import load_face
 from mocap_fit.face.rig import Rig
 from mocap_fit.phones import PhoneSequence, PhoneSet, list_phone_sets, load_phone_set
-from mocap_fit.processes import count_cores, use_one_thread
+from mocap_fit.processes import count_cores, limit_to_one_thread
 from mocap_fit.sound import Sound, read_sound
 from mocap_fit.tracks import MarkerTracks, ParameterTracks
 
@@ -170,7 +170,7 @@ class _Speech:
     about: list[dict[str, Any]] = field(default_factory=list)
 
 
-@use_one_thread()
+@limit_to_one_thread()
 def speak(
     source: str | Source,
     out: str | os.PathLike[str],

@@ -13,7 +13,7 @@ from mocap_fit.atomic_file import make_folder, write_text
 from mocap_fit.control import ControlModel, LogEntry
 from mocap_fit.corpus import Corpus, open_corpus
 from mocap_fit.errors import ConfigurationError
-from mocap_fit.processes import use_one_thread
+from mocap_fit.processes import limit_to_one_thread
 
 _Path = str | os.PathLike[str]
 Protocol = Literal["clean", "paper"]
@@ -110,7 +110,7 @@ class SweepReport:
         return f"SweepReport({len(self.look_ahead)} networks, file={self.files[0]})"
 
 
-@use_one_thread()
+@limit_to_one_thread()
 def train(
     corpus: _Path,
     model: str | ControlModel,
@@ -170,7 +170,7 @@ def train(
     return TrainReport(trained, file, protocol, len(training), len(held_out))
 
 
-@use_one_thread()
+@limit_to_one_thread()
 def sweep_look_ahead(
     corpus: _Path,
     *,

@@ -23,11 +23,11 @@ import numpy as np
 
 from mocap_fit.control.model_file import write_model_file
 from mocap_fit.control.settings import check_settings, describe_settings, get_settings, to_json
-from mocap_fit.control.single_thread import limit_to_one_thread
 from mocap_fit.control.streaming import Stream, WindowStream
 from mocap_fit.corpus import Corpus
 from mocap_fit.errors import DataError, RegistryError
 from mocap_fit.phones import PhoneSequence, PhoneSet
+from mocap_fit.processes import limit_to_one_thread
 from mocap_fit.registry import Registry
 from mocap_fit.tracks import FloatArray, ParameterTracks
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mocap_fit.control import ControlModel
-from mocap_fit.control.single_thread import limit_to_one_thread
 from mocap_fit.corpus import Corpus
 from mocap_fit.errors import DataError
 from mocap_fit.evaluation.closure import LipGaps, concatenate_gaps, measure_gaps
@@ -29,6 +28,7 @@ from mocap_fit.evaluation.measures import (
 )
 from mocap_fit.evaluation.tables import format_html, format_percent, format_text, format_value
 from mocap_fit.face import Rig, load_face
+from mocap_fit.processes import limit_to_one_thread
 from mocap_fit.tracks import FloatArray
 
 if TYPE_CHECKING:

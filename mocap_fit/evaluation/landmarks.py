@@ -20,7 +20,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_fit.control import ControlModel
-from mocap_fit.control.single_thread import limit_to_one_thread
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.errors import DataError, MocapFitWarning
 from mocap_fit.evaluation.measures import (
@@ -37,6 +36,7 @@ from mocap_fit.face import Rig, load_face
 from mocap_fit.face.rig import deform_points
 from mocap_fit.fitting import Layout, load_layout
 from mocap_fit.head import match_size, remove_head_motion
+from mocap_fit.processes import limit_to_one_thread
 from mocap_fit.tracks import FloatArray, MarkerTracks, estimate_similarity_transform
 
 MEASURES = ("lip opening", "mouth width", "chin height", "lip protrusion")

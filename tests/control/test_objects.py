@@ -15,8 +15,8 @@ from threadpoolctl import threadpool_info
 
 from mocap_fit import control
 from mocap_fit.control.model_file import write_model_file
-from mocap_fit.control.single_thread import limit_to_one_thread
 from mocap_fit.errors import DataError, FileFormatError, RegistryError
+from mocap_fit.processes import limit_to_one_thread
 
 every_model = pytest.mark.parametrize("name", control.names())
 

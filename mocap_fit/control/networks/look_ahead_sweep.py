@@ -16,9 +16,9 @@ from mocap_fit.control.networks.models import TABLE_1, LowLatencyNetworks
 from mocap_fit.control.networks.stack import Network
 from mocap_fit.control.networks.training import Training
 from mocap_fit.control.settings import check_settings, get_settings
-from mocap_fit.control.single_thread import limit_to_one_thread
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.errors import ConfigurationError, DataError
+from mocap_fit.processes import limit_to_one_thread
 
 #: Frames of the context, whatever part of it lies ahead.
 CONTEXT = 31
