@@ -105,7 +105,11 @@ class Mesh:
                 )
         checked = {"vertices": vertices, "triangles": triangles, "parts": parts, "regions": regions}
         if self.colours is not None:
-            checked["colours"] = _check_colours(np.array(self.colours, dtype=np.float64), vertices)
+            checked["colours"] = colours = np.array(self.colours, dtype=np.float64)
+            if colours.shape != vertices.shape:
+                raise ConfigurationError(
+                    "the colours have the wrong shape", found=colours.shape, expected=vertices.shape
+                )
         for name, value in checked.items():
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
@@ -324,11 +328,3 @@ def _check_region(name: str, members: IndexArray, vertex_count: int) -> IndexArr
     if members.size and (members[0] < 0 or members[-1] >= vertex_count):
         raise ConfigurationError(f"the region '{name}' names a vertex that is not there")
     return members
-
-
-def _check_colours(colours: FloatArray, vertices: FloatArray) -> FloatArray:
-    if colours.shape != vertices.shape:
-        raise ConfigurationError(
-            "the colours have the wrong shape", found=colours.shape, expected=vertices.shape
-        )
-    return colours

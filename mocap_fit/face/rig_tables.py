@@ -256,11 +256,7 @@ class Transform(StrictModel):
 
     @model_validator(mode="after")
     def _check_amounts(self) -> Transform:
-        present = {
-            name
-            for name in ("by", "axis", "degrees", "factors", "centre")
-            if getattr(self, name) is not None
-        }
+        present = self.model_fields_set & {"by", "axis", "degrees", "factors", "centre"}
         needed = _NEEDED[self.kind]
         if needed - present:
             raise ValueError(f"a {self.kind} needs {', '.join(sorted(needed - present))}")

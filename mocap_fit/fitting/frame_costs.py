@@ -7,7 +7,7 @@ Comput. 20, 1999), and converges quadratically.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -140,9 +140,7 @@ class FrameCosts:
         LocalCosts
             Costs after the step; those of the other frames are as before.
         """
-        some = FrameCosts(
-            self.evaluator, self.targets[moved], self.weights[moved], self.objective, self.threshold
-        )
+        some = replace(self, targets=self.targets[moved], weights=self.weights[moved])
         new = some.at(values[moved], LocalCosts(*(old[moved] for old in before)))
         merged = LocalCosts(*(old.copy() for old in before))
         for target, source in zip(merged, new, strict=True):

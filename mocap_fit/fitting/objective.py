@@ -222,9 +222,8 @@ def cost(
         where the sum of distances has none.
     """
     if objective == "squares":
-        return float(np.einsum("m,mi,mi->", weights, residuals, residuals)), (
-            2.0 * weights[:, None] * residuals
-        )
+        value = float(np.einsum("m,mi,mi->", weights, residuals, residuals))
+        return value, 2.0 * weights[:, None] * residuals
     distances = np.sqrt(np.einsum("mi,mi->m", residuals, residuals))
     if objective == "distances":
         slope = weights / np.maximum(distances, 1e-12)

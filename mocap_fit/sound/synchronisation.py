@@ -14,8 +14,8 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from mocap_fit.errors import DataError
-from mocap_fit.sound.estimate import MAX_OFFSET, OffsetEstimate, estimate_offset
-from mocap_fit.sound.pulses import PulseTrain, decode_pulses
+from mocap_fit.sound.estimate import MAX_OFFSET, estimate_offset
+from mocap_fit.sound.pulses import decode_pulses
 from mocap_fit.sound.wav import Sound
 from mocap_fit.tracks import Event, MarkerTracks, ParameterTracks, PoseTracks
 
@@ -62,48 +62,6 @@ class Synchronisation:
     def is_estimate(self) -> bool:
         """Whether the start time is estimated and not measured."""
         return self.kind == "estimate"
-
-    @classmethod
-    def from_pulses(cls, train: PulseTrain) -> Synchronisation:
-        """Return the clock that pulses measure.
-
-        Parameters
-        ----------
-        train
-            The decoded pulses.
-
-        Returns
-        -------
-        Synchronisation
-            Its kind is ``pulses``.
-        """
-        return cls(
-            "pulses",
-            train.start_time,
-            train.frame_rate,
-            train.drift_ppm,
-            int((~train.present).sum()),
-            train.extra,
-            train.residual,
-        )
-
-    @classmethod
-    def from_estimate(cls, estimate: OffsetEstimate, rate: float) -> Synchronisation:
-        """Return the clock of an estimate, which has the rate of the recording.
-
-        Parameters
-        ----------
-        estimate
-            The estimated start time.
-        rate
-            Frame rate of the recording, hertz.
-
-        Returns
-        -------
-        Synchronisation
-            Its kind is ``estimate``.
-        """
-        return cls("estimate", estimate.start_time, rate, correlation=estimate.correlation)
 
     def to_dict(self) -> dict[str, Any]:
         """Convert the fields that are known to values that JSON can hold.
@@ -198,7 +156,15 @@ def synchronise(
             before + recording.frames + after,
             start_time=None if start_time is None else start_time - before / recording.rate,
         ).select(before, before + recording.frames)
-        result = Synchronisation.from_pulses(train)
+        result = Synchronisation(
+            "pulses",
+            train.start_time,
+            train.frame_rate,
+            train.drift_ppm,
+            int((~train.present).sum()),
+            train.extra,
+            train.residual,
+        )
     elif kind == "estimate" and sound is not None:
         if lips is None:
             raise DataError(
@@ -212,7 +178,9 @@ def synchronise(
             start_time=recording.start_time if start_time is None else start_time,
             max_offset=max_offset,
         )
-        result = Synchronisation.from_estimate(estimate, recording.rate)
+        result = Synchronisation(
+            "estimate", estimate.start_time, recording.rate, correlation=estimate.correlation
+        )
     else:
         start = recording.start_time if start_time is None else start_time
         result = Synchronisation("none", start, recording.rate)

@@ -14,7 +14,6 @@ from mocap_fit.tracks.rigid import (
 from mocap_fit.tracks.storage import (
     from_frame,
     read_parquet,
-    read_provenance,
     to_frame,
     write_parquet,
 )
@@ -40,7 +39,6 @@ __all__ = [
     "fill_gaps",
     "from_frame",
     "read_parquet",
-    "read_provenance",
     "resample",
     "smooth",
     "to_frame",

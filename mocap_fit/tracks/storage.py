@@ -28,7 +28,7 @@ from mocap_fit.tracks.arrays import TrackArray
 from mocap_fit.tracks.base import Tracks
 from mocap_fit.tracks.interpolation import flatten_tracks
 from mocap_fit.tracks.parquet_file import from_damaged_table, read_kind, read_table, write_table
-from mocap_fit.tracks.provenance import Event, Provenance, Step
+from mocap_fit.tracks.provenance import Event, Step
 from mocap_fit.tracks.types import TRACK_KINDS
 
 if TYPE_CHECKING:
@@ -407,31 +407,3 @@ def read_parquet(path: str | os.PathLike[str]) -> Tracks:
             found=error.found,
             expected=error.expected,
         ) from None
-
-
-def read_provenance(path: str | os.PathLike[str]) -> Provenance:
-    """Read the steps that led to the tracks in a file, which is checked for damage.
-
-    Parameters
-    ----------
-    path
-        The file.
-
-    Returns
-    -------
-    tuple of Step
-        The steps.
-
-    Raises
-    ------
-    MissingFileError
-        If there is no such file.
-    FileFormatError
-        If the file cannot be opened, is not Parquet, is cut short, was not written by
-        mocap-fit, or by a later format than this one knows.
-    """
-    _, metadata = read_table(path, tuple(TRACK_KINDS), "tracks", _ADVICE)
-    try:
-        return tuple(Step.from_dict(step) for step in metadata["provenance"])
-    except (KeyError, TypeError, AttributeError) as error:
-        raise from_damaged_table(error, path) from None

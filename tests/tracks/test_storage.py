@@ -18,7 +18,6 @@ from mocap_fit.tracks import (
     PoseTracks,
     from_frame,
     read_parquet,
-    read_provenance,
     to_frame,
     write_parquet,
 )
@@ -303,7 +302,7 @@ def test_a_file_says_what_it_holds_without_being_read(tmp_path):
     assert is_tracks_file(path)
     assert read_kind(path) == "parameters"
     assert read_description(path)["names"] == list(parameters().names)
-    assert read_provenance(path) == parameters().provenance
+    assert read_parquet(path).provenance == parameters().provenance
     pq.write_table(pa.table({"a": [1, 2]}), path)
     assert read_description(path) is read_kind(path) is None
     path.write_text("no Parquet")

@@ -84,14 +84,12 @@ class _Half:
         rings: list[tuple[str, FloatArray]],
         *,
         closed: bool,
-        inwards: bool = True,
     ) -> list[IndexArray]:
         """Add rings one inside the other, beginning at vertices that exist already."""
         indices = [start]
         for kind, points in rings:
             indices.append(self.add(points, kind))
-            strip = triangulate_strip(indices[-2], indices[-1], closed=closed)
-            self.triangles.append(strip if inwards else strip[:, ::-1])
+            self.triangles.append(triangulate_strip(indices[-2], indices[-1], closed=closed))
         return indices
 
 

@@ -90,7 +90,7 @@ def join_pieces(pieces: Sequence[Piece]) -> Piece:
     )
 
 
-def triangulate_grid(rows: int, columns: int, *, closed_rows: bool = False) -> IndexArray:
+def triangulate_grid(rows: int, columns: int) -> IndexArray:
     """Triangulate a grid of vertices that are stored row by row.
 
     Parameters
@@ -98,18 +98,14 @@ def triangulate_grid(rows: int, columns: int, *, closed_rows: bool = False) -> I
     rows, columns
         Size of the grid. Seen from the side where the rows run up and the columns run to the left,
         the triangles are counter-clockwise.
-    closed_rows
-        Whether the last row is joined to the first.
 
     Returns
     -------
     ndarray
         Vertex indices, ``(triangles, 3)``.
     """
-    last_row = rows if closed_rows else rows - 1
-    row, column = np.meshgrid(np.arange(last_row), np.arange(columns - 1), indexing="ij")
-    here = (row * columns + column).ravel()
-    above = (((row + 1) % rows) * columns + column).ravel()
+    here = np.arange(rows * columns).reshape(rows, columns)[:-1, :-1].ravel()
+    above = here + columns
     return np.concatenate(
         [np.stack([here, above, above + 1], axis=1), np.stack([here, above + 1, here + 1], axis=1)]
     )
