@@ -242,10 +242,8 @@ def _check_counts(structure: _Structure, data_start: int) -> Extent:
         structure.refuse("the frame rate is out of range", f"{rate:g} Hz", "a number above 0")
     channels = structure.get_count("ANALOG", "USED") or 0
     if analog != channels * per_frame:
-        numbers, expected = (
-            f"{analog} analog numbers a frame",
-            f"{per_frame} of {channels} channels",
-        )
+        numbers = f"{analog} analog numbers a frame"
+        expected = f"{per_frame} of {channels} channels"
         structure.refuse("header and parameters contradict each other", numbers, expected)
     ratio = structure.get_count("ROTATION", "RATIO") or 0
     if max(per_frame, ratio) > _MOST_SAMPLES:
