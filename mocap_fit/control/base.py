@@ -421,12 +421,12 @@ class ControlModel(abc.ABC):
     @contextlib.contextmanager
     def _guard(self, errors_of_caller: Sequence[Exception] = ()) -> Iterator[None]:
         """Name the plug-in and its distribution where it raises anything but our errors."""
-        kind = type(self)
-        if not _is_registered(kind):
+        name = getattr(self, "name", "")
+        if name not in CONTROL_MODELS.names() or CONTROL_MODELS.get(name) is not type(self):
             yield
             return
         try:
-            with CONTROL_MODELS.guard(kind.name):
+            with CONTROL_MODELS.guard(name):
                 yield
         except RegistryError as error:
             for caught in errors_of_caller:
@@ -458,9 +458,3 @@ class ControlModel(abc.ABC):
                 found=", ".join(unknown),
                 advice="Map them with mocap_fit.phones.map_phones.",
             )
-
-
-def _is_registered(kind: type[ControlModel]) -> bool:
-    """Return whether a class is a plug-in that is installed."""
-    name = getattr(kind, "name", "")
-    return name in CONTROL_MODELS.names() and CONTROL_MODELS.get(name) is kind

@@ -296,27 +296,19 @@ class Evaluation:
         """
         import pandas as pd
 
-        rows: list[dict[str, Any]] = []
+        parameters = (*self.parameters, "average")
+        names = ["model", "group", "parameter"]
+        index = pd.MultiIndex.from_product([self.models, GROUPS, parameters], names=names)
+        tables = []
         for measure in ("rmse", "correlation"):
             values, samples = getattr(self, measure), getattr(self, f"{measure}_samples")
             values = np.concatenate([values, average(values)[..., None]], axis=-1)
             samples = np.concatenate([samples, average(samples)[..., None]], axis=-1)
             low, high = compute_interval(samples)
-            for i, model in enumerate(self.models):
-                for g, group in enumerate(GROUPS):
-                    for p, parameter in enumerate((*self.parameters, "average")):
-                        rows.append(
-                            {
-                                "model": model,
-                                "group": group,
-                                "parameter": parameter,
-                                "measure": "rmse_percent" if measure == "rmse" else measure,
-                                "value": values[i, g, p],
-                                "low": low[i, g, p],
-                                "high": high[i, g, p],
-                            }
-                        )
-        return pd.DataFrame(rows)
+            numbers = {"value": values.ravel(), "low": low.ravel(), "high": high.ravel()}
+            name = "rmse_percent" if measure == "rmse" else measure
+            tables.append(pd.DataFrame({"measure": name, **numbers}, index).reset_index())
+        return pd.concat(tables, ignore_index=True)
 
     def to_dict(self) -> dict[str, Any]:
         """Convert everything but the bootstrap samples to values that JSON can hold.

@@ -152,12 +152,7 @@ class PhoneInputs:
         NDArray[np.intp]
             Rows, ``(times,)``; 0 where nothing is labelled.
         """
-        if not self._starts:
-            return np.zeros(len(times), dtype=np.intp)
-        reached = times + BOUNDARY_TOLERANCE
-        segments = np.searchsorted(self._starts, reached, side="right") - 1
-        inside = (segments >= 0) & (reached < np.asarray(self._ends)[np.maximum(segments, 0)])
-        return np.where(inside, np.asarray(self._of_segment)[segments], 0)
+        return np.array([self.index(time) for time in times.tolist()], dtype=np.intp)
 
 
 def count_lead(ahead: int) -> int:

@@ -200,12 +200,9 @@ class SymmetricNetworks(ControlModel):
     ) -> None:
         check_phone_set(corpus, self.phone_set)
         networks = self.networks
-        data, held_out = (
-            ()
-            if part is None
-            else load_examples(part, self.frames_behind, self.frames_ahead, self.stress)
-            for part in (corpus, validation)
-        )
+        context = self.frames_behind, self.frames_ahead, self.stress
+        data = load_examples(corpus, *context)
+        held_out = () if validation is None else load_examples(validation, *context)
         scale = Scale.from_examples(data)
         training = Training(networks, self.plan, self.delays, data, held_out, scale)
         training.run(progress, checkpoint)

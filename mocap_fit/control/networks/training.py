@@ -218,13 +218,10 @@ class Training:
             deviation = np.append(self.scale.deviation, 0.0)[stack.columns]
             held_out = self._compute_errors(stack, self._held_out) if self._held_out else None
             for i in stack.active:
-                training, validation = (
-                    None
-                    if each is None
-                    else _compute_rms(each[0, i] * deviation[i] ** 2, each[1, i])
-                    for each in (errors, held_out)
-                )
-                assert training is not None
+                scale = deviation[i] ** 2
+                training, validation = _compute_rms(errors[0, i] * scale, errors[1, i]), None
+                if held_out is not None:
+                    validation = _compute_rms(held_out[0, i] * scale, held_out[1, i])
                 name = stack.networks[i].name
                 entries[name] = LogEntry(self.epoch, training, validation, name)
             judged = errors if held_out is None else held_out
