@@ -265,4 +265,4 @@ def read_utterances(folder: Path) -> tuple[Utterance, ...]:
             for row in rows
         )
     except (KeyError, TypeError, ValueError) as error:
-        raise from_damaged_table(error, path) from None
+        raise from_damaged_table(error, path, "utterances") from None

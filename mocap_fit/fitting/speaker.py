@@ -391,7 +391,7 @@ def _flatten(value: object) -> Iterator[bytes]:
     elif value is None or isinstance(value, (str, int, float)):
         yield repr(value).encode() + b";"
     else:
-        raise TypeError(f"a {type(value).__name__} has no compute_fingerprint")
+        raise TypeError(f"a {type(value).__name__} has no fingerprint")
 
 
 def _check_head_markers(layout: Layout, reference: MarkerTracks) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 
-from mocap_fit.errors import DataError, FileFormatError
+from mocap_fit.errors import DataError
 from mocap_fit.phones.types import PhoneSegment, PhoneSequence
 from mocap_fit.tracks import Step
 from mocap_fit.tracks.parquet_file import from_damaged_table, read_table, write_table
@@ -77,12 +77,5 @@ def read_stored_phones(path: str | os.PathLike[str]) -> PhoneSequence:
             name=description["name"],
             provenance=tuple(Step.from_dict(step) for step in description["provenance"]),
         )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise from_damaged_table(error, path) from None
-    except DataError as error:
-        raise FileFormatError(
-            f"the phones in this file cannot be used: {error.problem}",
-            path=path,
-            found=error.found,
-            expected=error.expected,
-        ) from None
+    except (DataError, KeyError, TypeError, ValueError, AttributeError) as error:
+        raise from_damaged_table(error, path, "phones") from None

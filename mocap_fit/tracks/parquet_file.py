@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from mocap_fit.atomic_file import write_atomically
-from mocap_fit.errors import FileFormatError, from_os_error
+from mocap_fit.errors import DataError, FileFormatError, from_os_error
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -165,7 +165,7 @@ def _parse_description(
         description = json.loads(text)
         version, kind = description["format_version"], description["kind"]
     except (ValueError, TypeError, KeyError) as error:
-        raise from_damaged_table(error, path) from None
+        raise from_damaged_table(error, path, noun) from None
     if not isinstance(version, int) or version > FORMAT_VERSION:
         raise FileFormatError(
             "this file is of a later format than this version of mocap-fit reads",
@@ -181,21 +181,33 @@ def _parse_description(
     return dict(description)
 
 
-def from_damaged_table(error: Exception, path: str | os.PathLike[str]) -> FileFormatError:
-    """Return the error for a file whose description does not fit its columns.
+def from_damaged_table(
+    error: Exception, path: str | os.PathLike[str], noun: str
+) -> FileFormatError:
+    """Return the error for a file whose description or content cannot be used.
 
     Parameters
     ----------
     error
-        What went wrong with the description.
+        What went wrong; a `DataError` is about the content.
     path
         The file.
+    noun
+        What it holds, such as ``tracks``.
 
     Returns
     -------
     FileFormatError
         The error.
     """
+    if isinstance(error, DataError):
+        return FileFormatError(
+            f"the {noun} in this file cannot be used: {error.problem}",
+            path=path,
+            frame=error.frame,
+            found=error.found,
+            expected=error.expected,
+        )
     return FileFormatError(
         "the description in this Parquet file is damaged",
         path=path,

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mocap_fit.errors import DataError, FileFormatError
+from mocap_fit.errors import DataError
 from mocap_fit.tracks.arrays import TrackArray
 from mocap_fit.tracks.base import Tracks
 from mocap_fit.tracks.interpolation import flatten_tracks
@@ -397,13 +397,5 @@ def read_parquet(path: str | os.PathLike[str]) -> Tracks:
             if column.name in table.column_names
         }
         return _assemble(columns, metadata, table.num_rows)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise from_damaged_table(error, path) from None
-    except DataError as error:
-        raise FileFormatError(
-            f"the tracks in this file cannot be used: {error.problem}",
-            path=path,
-            frame=error.frame,
-            found=error.found,
-            expected=error.expected,
-        ) from None
+    except (DataError, KeyError, TypeError, ValueError, AttributeError) as error:
+        raise from_damaged_table(error, path, "tracks") from None
