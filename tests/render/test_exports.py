@@ -182,8 +182,9 @@ class TestFap:
         import dataclasses
 
         points = {k: v for k, v in rig.mesh.feature_points.items() if k != "9.15"}
-        bare = load_face(mesh=rig.mesh)
-        bare.mesh = dataclasses.replace(rig.mesh, feature_points=points)
+        bare = dataclasses.replace(
+            load_face(), mesh=dataclasses.replace(rig.mesh, feature_points=points)
+        )
         with pytest.raises(ConfigurationError, match=r"no 9\.15"):
             measure_faps(tracks, bare)
 
