@@ -18,7 +18,6 @@ from mocap_fit.fitting.memory import check_memory, estimate_memory
 from mocap_fit.io import describe
 from mocap_fit.labels import (
     LABEL_READERS,
-    Labels,
     Tier,
     find_label_faults,
     find_label_reader,
@@ -53,42 +52,41 @@ def describe_contents(path: str | os.PathLike[str]) -> Mapping[str, Any]:
     """
     file = Path(path)
     if file.is_dir() or file.name == DESCRIPTION_FILE:
-        return _describe_corpus(path, file.parent if file.name == DESCRIPTION_FILE else file)
-    if file.suffix.lower() in _SOUND:
-        return _describe_sound(path)
-    if file.suffix.lower() == ".parquet" and read_kind(file) == "phones":
-        return _describe_phones(path)
-    if _is_labels(file):
-        return _describe_labels(path)
-    if zipfile.is_zipfile(file):
-        return _describe_model(path)
-    return _describe_recording(path)
+        content = _describe_corpus(file.parent if file.name == DESCRIPTION_FILE else file)
+    elif file.suffix.lower() in _SOUND:
+        content = _describe_sound(path)
+    elif file.suffix.lower() == ".parquet" and read_kind(file) == "phones":
+        content = _describe_phones(path)
+    elif _is_labels(file):
+        content = _describe_labels(path)
+    elif zipfile.is_zipfile(file):
+        content = _describe_model(path)
+    else:
+        content = _describe_recording(path)
+    return {"file": os.fspath(path), **content}
 
 
 def _is_labels(file: Path) -> bool:
     """Whether a file holds labels; tables of numbers are distinguished by their content."""
-    if not file.is_file():
-        return False
-    for name in LABEL_READERS.names():
-        reader = LABEL_READERS.get(name)
-        ending = file.suffix.lower()
-        if ending in reader.extensions and (ending not in (".csv", ".tsv") or reader.sniff(file)):
-            return True
-    return False
+    ending = file.suffix.lower()
+    readers = (LABEL_READERS.get(name) for name in LABEL_READERS.names())
+    fitting = (reader for reader in readers if ending in reader.extensions)
+    is_table = ending in (".csv", ".tsv")
+    return file.is_file() and any(not is_table or reader.sniff(file) for reader in fitting)
 
 
 def _describe_labels(path: str | os.PathLike[str]) -> dict[str, Any]:
     name = find_label_reader(path)
     utterances = read_all_labels(path, reader=name)
     about: dict[str, Any] = {
-        "file": os.fspath(path),
         "format": name,
         "description": LABEL_READERS.get(name).description,
         "content": "labels",
     }
     if len(utterances) != 1:
         rows = [
-            {"name": labels.name, "duration": labels.end - labels.start, **_count_labels(labels)}
+            {"name": labels.name, "duration": labels.end - labels.start}
+            | {tier.name or "labels": len(tier.entries) for tier in labels.tiers}
             for labels in utterances
         ]
         total = {"count": len(rows)} if len(rows) > _LISTED else {}
@@ -105,10 +103,6 @@ def _describe_labels(path: str | os.PathLike[str]) -> dict[str, Any]:
     }
 
 
-def _count_labels(labels: Labels) -> dict[str, int]:
-    return {tier.name or "labels": len(tier.entries) for tier in labels.tiers}
-
-
 def _describe_tier(tier: Tier) -> dict[str, Any]:
     symbols = Counter(entry.text.strip() for entry in tier.entries if entry.text.strip())
     return {
@@ -122,20 +116,19 @@ def _describe_tier(tier: Tier) -> dict[str, Any]:
 
 def _find_phone_sets(symbols: Mapping[str, int]) -> list[str]:
     """Return the names of the shipped phone sets that have all of the symbols."""
-    fitting = []
-    for name in list_phone_sets():
-        phone_set = load_phone_set(name)
+    phone_sets = {name: load_phone_set(name) for name in list_phone_sets() if symbols}
+    return [
+        name
+        for name, phone_set in phone_sets.items()
         # A set that computes its phones has nearly everything.
-        if phone_set.compute is None and all(phone_set.parse(s) is not None for s in symbols):
-            fitting.append(name)
-    return fitting if symbols else []
+        if phone_set.compute is None and all(phone_set.parse(s) is not None for s in symbols)
+    ]
 
 
 def _describe_phones(path: str | os.PathLike[str]) -> dict[str, Any]:
     phones = read_stored_phones(path)
     counts = Counter(phones.phones)
     return {
-        "file": os.fspath(path),
         "content": "phones",
         "name": phones.name,
         "phone_set": phones.phone_set,
@@ -164,7 +157,6 @@ def _describe_sound(path: str | os.PathLike[str]) -> dict[str, Any]:
             }
         )
     return {
-        "file": os.fspath(path),
         "content": "sound",
         "name": sound.name,
         "encoding": sound.encoding,
@@ -175,18 +167,11 @@ def _describe_sound(path: str | os.PathLike[str]) -> dict[str, Any]:
     }
 
 
-def _describe_corpus(path: str | os.PathLike[str], folder: Path) -> dict[str, Any]:
+def _describe_corpus(folder: Path) -> dict[str, Any]:
     corpus = open_corpus(folder)
-    splits = [
-        {
-            "split": name,
-            "utterances": len(corpus.get_split(name)),
-            "duration": sum(u.duration for u in corpus.get_split(name)),
-        }
-        for name in corpus.splits
-    ]
+    splits = {name: corpus.get_split(name) for name in corpus.splits}
+    sessions = Counter((u.speaker, u.session) for u in corpus)
     return {
-        "file": os.fspath(path),
         "content": "corpus",
         "language": corpus.language,
         "phone_set": corpus.phone_set.name,
@@ -197,12 +182,13 @@ def _describe_corpus(path: str | os.PathLike[str], folder: Path) -> dict[str, An
         "utterances": len(corpus),
         "duration": sum(u.duration for u in corpus),
         "synchronised": _get_clock(corpus),
-        "splits": splits,
+        "splits": [
+            {"split": name, "utterances": len(part), "duration": sum(u.duration for u in part)}
+            for name, part in splits.items()
+        ],
         "speakers": [
             {"speaker": speaker, "session": session, "utterances": count}
-            for (speaker, session), count in sorted(
-                Counter((u.speaker, u.session) for u in corpus).items()
-            )
+            for (speaker, session), count in sorted(sessions.items())
         ],
         "checks": [f"{u.id}: {line}" for u in corpus for line in u.checks][:_LISTED],
         "provenance": [step.to_dict() for step in corpus.provenance],
@@ -211,11 +197,9 @@ def _describe_corpus(path: str | os.PathLike[str], folder: Path) -> dict[str, An
 
 def _get_clock(corpus: Corpus) -> str:
     """Return how recordings were put on the clock of the sound, as the description says."""
-    for step in corpus.provenance:
-        kind = step.arguments.get("sync", {}).get("kind")
-        if kind is not None:
-            return "estimated" if kind == "estimate" else str(kind)
-    return "not known"
+    kinds = (step.arguments.get("sync", {}).get("kind") for step in corpus.provenance)
+    kind = next((kind for kind in kinds if kind is not None), "not known")
+    return "estimated" if kind == "estimate" else str(kind)
 
 
 def _describe_model(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -223,7 +207,6 @@ def _describe_model(path: str | os.PathLike[str]) -> dict[str, Any]:
 
     model = load(path)
     return {
-        "file": os.fspath(path),
         "content": "model",
         "model": model.name,
         "settings": model.get_params(),

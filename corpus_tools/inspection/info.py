@@ -29,11 +29,8 @@ class Info:
         return {each["file"]: each["error"] for each in self.contents if "error" in each}
 
     def __repr__(self) -> str:
-        kinds = (
-            f"{each['file']}: {each.get('content', each.get('error', 'recording'))}"
-            for each in self.contents
-        )
-        return f"Info({', '.join(kinds)})"
+        kinds = ((each["file"], each.get("content") or each["error"]) for each in self.contents)
+        return f"Info({', '.join(f'{file}: {kind}' for file, kind in kinds)})"
 
 
 def info(

@@ -58,15 +58,10 @@ class ExportReport:
         dict[str, Any]
             The fields that have a value.
         """
-        content: dict[str, Any] = {
-            "file": self.file,
-            "format": self.format,
-            "rate": self.rate,
-            "frames": self.frames,
-        }
-        if self.morph_targets is not None and self.largest_error is not None:
-            content["morph_targets"] = list(self.morph_targets)
-            content["largest_error_mm"] = round(self.largest_error, 4)
+        content = dict(vars(self))
+        targets, error = content.pop("morph_targets"), content.pop("largest_error")
+        if targets is not None:
+            content |= {"morph_targets": list(targets), "largest_error_mm": round(error, 4)}
         return content
 
     def __repr__(self) -> str:
@@ -122,14 +117,12 @@ def export(
     if to == "fap":
         from mocap_fit.render.fap import write_fap
 
-        frames = write_fap(parameters, file, load_face(face), rate=rate)
-        return ExportReport(file, to, used, frames)
+        return ExportReport(file, to, used, write_fap(parameters, file, load_face(face), rate=rate))
     from mocap_fit.render.gltf import write_gltf
 
     blended = write_gltf(parameters, file, load_face(face), rate=rate)
-    return ExportReport(
-        file, to, used, len(blended.times), tuple(blended.names), blended.largest_error
-    )
+    frames = len(blended.times)
+    return ExportReport(file, to, used, frames, tuple(blended.names), blended.largest_error)
 
 
 def _write_csv(tracks: ParameterTracks, out: Path, rate: float | None) -> int:

@@ -137,22 +137,14 @@ def prepare_voices(
     learning = [name for name in control.names() if name != speak_models.RULE_BASED]
     for language in languages or speak_models.list_languages():
         corpora: dict[str, Corpus] = {}
+        how: dict[str, Any] = {"utterances": utterances, "progress": progress}
         models = {
-            name: speak_models.prepare_model(
-                name,
-                language,
-                fresh=fresh,
-                utterances=utterances,
-                corpora=corpora,
-                progress=progress,
-            )
+            name: speak_models.prepare_model(name, language, fresh=fresh, corpora=corpora, **how)
             for name in names or learning
         }
         scores: dict[str, dict[str, float]] = {}
         if check:
-            corpus = corpora.get(language)
-            if corpus is None:
-                corpus = speak_models.simulate_corpus(language, utterances, progress=progress)
+            corpus = corpora.get(language) or speak_models.simulate_corpus(language, **how)
             result = speak_models.score_models(corpus, models, progress=progress)
             evaluations[language] = result
             averages = result.compute_averages("rmse")[0][:, 0]
@@ -164,7 +156,7 @@ def prepare_voices(
             file = speak_models.locate_model(name, language, utterances)
             saved = file if file.is_file() else None
             voices.append(Voice(name, language, model, saved, scores.get(name, {})))
-        if speak_models.RULE_BASED in scores:
+        if check:
             rules = speak_models.RULE_BASED
             voices.append(Voice(rules, language, scores=scores[rules]))
     return VoicesReport(tuple(voices), speak_models.get_folder(), evaluations)

@@ -307,9 +307,8 @@ def choose_default(language: str) -> str:
     str
         A model that learns, or the rules where there are no sentences of the language.
     """
-    if language in speak_models.list_languages():
-        return DEFAULT_MODEL
-    return speak_models.RULE_BASED
+    is_known = language in speak_models.list_languages()
+    return DEFAULT_MODEL if is_known else speak_models.RULE_BASED
 
 
 def _choose_phone_set(source: Source) -> PhoneSet:
@@ -317,9 +316,8 @@ def _choose_phone_set(source: Source) -> PhoneSet:
     from mocap_fit.synthesis.text_to_phones import LANGUAGES
 
     if source.phone_set is not None:
-        return load_phone_set(
-            source.phone_set if source.phone_set in list_phone_sets() else Path(source.phone_set)
-        )
+        is_shipped = source.phone_set in list_phone_sets()
+        return load_phone_set(source.phone_set if is_shipped else Path(source.phone_set))
     voice = LANGUAGES.get(source.language)
     return load_phone_set("ipa" if voice is None else voice.phone_set)
 
@@ -332,11 +330,9 @@ def _speak_text(source: Source, models: Sequence[ControlModel]) -> tuple[PhoneSe
     first = models[0].phone_set_ if models else phone_set
     if first.language and first.language == phone_set.language:
         phone_set = first
+    speed = source.words_per_minute
     spoken = speak_text(
-        source.text or "",
-        source.language,
-        phone_set=phone_set,
-        words_per_minute=source.words_per_minute,
+        source.text or "", source.language, phone_set=phone_set, words_per_minute=speed
     )
     return spoken.phones.replace(phone_set=phone_set.name), spoken.sound
 
@@ -368,14 +364,8 @@ def _predict(speech: _Speech, models: Sequence[ControlModel], nearest: bool) -> 
             label += " again"
         phones = to_model_phones(speech.phones, model, nearest=nearest)
         speech.heads[label] = model.predict(phones)
-        speech.about.append(
-            {
-                "head": label,
-                "model": model.name,
-                "about": speak_models.describe_model(model),
-                "trained_on": model.trained_on_,
-            }
-        )
+        about = {"about": speak_models.describe_model(model), "trained_on": model.trained_on_}
+        speech.about.append({"head": label, "model": model.name, **about})
 
 
 def read_parameters(path: Path) -> ParameterTracks:

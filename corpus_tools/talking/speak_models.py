@@ -55,11 +55,7 @@ def list_languages() -> tuple[str, ...]:
 
 
 def simulate_corpus(
-    language: str,
-    utterances: int = UTTERANCES,
-    seed: int = _SEED,
-    *,
-    progress: TaskProgress | None = None,
+    language: str, utterances: int = UTTERANCES, *, progress: TaskProgress | None = None
 ) -> Corpus:
     """Simulate sentences as one speaker says them, without markers or sound.
 
@@ -71,8 +67,6 @@ def simulate_corpus(
         The language.
     utterances
         Number of sentences.
-    seed
-        Seed of all random numbers.
     progress
         Called with the task, the number of sentences done, and of all.
 
@@ -94,24 +88,22 @@ def simulate_corpus(
 
     known = load_language(language)
     face = load_face()
-    sentences = known.draw_sentences(utterances, np.random.default_rng([seed, _SENTENCES]))
-    speaker = Articulator(face, known.phone_set, np.random.default_rng([seed, _SPEAKER]))
+    sentences = known.draw_sentences(utterances, np.random.default_rng([_SEED, _SENTENCES]))
+    speaker = Articulator(face, known.phone_set, np.random.default_rng([_SEED, _SPEAKER]))
     spoken = []
     advance = count_steps(progress, f"simulating {language} sentences", utterances)
     for i, sentence in enumerate(sentences):
-        timing, moving = np.random.default_rng([seed, _SAID, i]).spawn(2)
+        timing, moving = np.random.default_rng([_SEED, _SAID, i]).spawn(2)
         name = f"sim{i + 1:03d}"
         phones = pronounce(sentence.words, known.phone_set, timing, name=name, start=0.1, end=0.1)
         times = np.arange(int(np.floor(phones[len(phones) - 1].end * _RATE))) / _RATE
-        tracks = ParameterTracks(
-            face.parameter_names, _RATE, speaker.say(phones, times, moving), name=name
-        )
-        split = "test" if is_test(i) else "train"
+        values = speaker.say(phones, times, moving)
+        tracks = ParameterTracks(face.parameter_names, _RATE, values, name=name)
         phones = phones.replace(phone_set=known.phone_set.name)
-        utterance = Utterance.from_tracks(
-            tracks, phones, split=split, speaker="simulated", text=sentence.text
+        split, text = "test" if is_test(i) else "train", sentence.text
+        spoken.append(
+            Utterance.from_tracks(tracks, phones, split=split, speaker="simulated", text=text)
         )
-        spoken.append(utterance)
         advance()
     return Corpus.from_utterances(spoken, known.phone_set, language=language, face="built-in")
 
@@ -159,7 +151,6 @@ def prepare_model(
     *,
     utterances: int = UTTERANCES,
     fresh: bool = False,
-    settings: dict[str, Any] | None = None,
     corpora: dict[str, Corpus] | None = None,
     progress: TaskProgress | None = None,
 ) -> ControlModel:
@@ -175,8 +166,6 @@ def prepare_model(
         Number of sentences that it is trained and tested on.
     fresh
         Whether it is trained again where one is in the cache.
-    settings
-        Settings of the model. One with other settings than usual is not cached.
     corpora
         Simulated corpora by language, to which a new one is added.
     progress
@@ -194,7 +183,7 @@ def prepare_model(
     ConfigurationError
         If there are no sentences of the language.
     """
-    model = control.create(name, **(_SETTINGS.get(name, {}) | (settings or {})))
+    model = control.create(name, **_SETTINGS.get(name, {}))
     if language not in list_languages():
         raise ConfigurationError(
             f"the model '{name}' cannot be trained for the language '{language}': there are no "
@@ -203,7 +192,7 @@ def prepare_model(
             advice=f"Give the file of a trained model, or take the model '{RULE_BASED}'.",
         )
     path = locate_model(name, language, utterances)
-    if not settings and not fresh and path.is_file():
+    if not fresh and path.is_file():
         try:
             return control.load(path)
         except FileFormatError as error:
@@ -223,8 +212,12 @@ def prepare_model(
 
     model.fit(training, held_out, progress=show_entry)
     model.trained_on_ |= {"corpus": f"simulated-{language}", "seed": _SEED}
-    if not settings:
-        _save(model, path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        model.save(path)
+    except (OSError, FileFormatError) as error:
+        message = f"the model could not be saved for the next time: {error}"
+        warnings.warn(message, MocapFitWarning, stacklevel=2)
     return model
 
 
@@ -326,24 +319,12 @@ def describe_model(model: ControlModel) -> str:
     return f"{model.title}, trained on {count} utterances of {corpus} ({model.phone_set_.name})"
 
 
-def _save(model: ControlModel, path: Path) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        model.save(path)
-    except (OSError, FileFormatError) as error:
-        message = f"the model could not be saved for the next time: {error}"
-        warnings.warn(message, MocapFitWarning, stacklevel=3)
-
-
 def _list_sources(name: str) -> list[Path]:
     """Return the files of code and tables that a model of that kind depends on."""
-    packages = ["mocap_fit.control", "mocap_fit.phones", "corpus_tools.simulation"]
-    files = {
-        path
-        for package in packages
-        for path in Path(str(resources.files(package))).rglob("*")
-        if path.suffix in (".py", ".toml")
-    }
+    files: set[Path] = set()
+    for package in ("mocap_fit.control", "mocap_fit.phones", "corpus_tools.simulation"):
+        folder = Path(str(resources.files(package)))
+        files |= {path for path in folder.rglob("*") if path.suffix in (".py", ".toml")}
     plug_in = sys.modules[CONTROL_MODELS.get(name).__module__].__file__
     if plug_in is not None:
         files.add(Path(plug_in))

@@ -108,16 +108,11 @@ class _Reader:
 def _parse_segment(text: str, line: int) -> PhoneSegment:
     try:
         start, end, phone, stress = _split_fields(text)
-        return PhoneSegment(
-            float(start), float(end), phone, None if stress is None else int(stress)
-        )
+        stress = None if stress is None else int(stress)
+        return PhoneSegment(float(start), float(end), phone, stress)
     except (ValueError, KeyError, TypeError):
         raise FileFormatError(
             "the line is not a phone", path="stdin", line=line, found=text, expected=_EXPECTED
-        ) from None
-    except MocapFitError as error:
-        raise FileFormatError(
-            error.problem, path="stdin", line=line, found=error.found, expected=error.expected
         ) from None
 
 
