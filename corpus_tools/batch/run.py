@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -82,11 +82,12 @@ def run_batch(
     MissingExtraError
         If a cluster is wanted and dask.distributed is not installed.
     """
-    for folder in sorted({out, *((out / t).parent for item in items for t in item.targets)}):
+    targets = {out / target for item in items for target in item.targets}
+    for folder in sorted({out, *(target.parent for target in targets)}):
         make_folder(folder)
     batch = _Batch(job, out, fresh)
     tracker = Tracker([_measure(item) for item in items], progress)
-    _remove_partial(items, out)
+    _remove_partial(targets)
     try:
         if cluster is not None:
             stream = run_on_cluster(_process_sent, job, _pack(batch, items), cluster, __version__)
@@ -97,7 +98,7 @@ def run_batch(
                 tracker.finish(index, _receive(items[index], result, out))
     finally:
         # A process that is ended while it writes leaves an unfinished file behind.
-        _remove_partial(items, out)
+        _remove_partial(targets)
     return tracker.results
 
 
@@ -108,16 +109,12 @@ def _measure(item: Item) -> int:
     return 1
 
 
-def _remove_partial(items: Sequence[Item], out: Path) -> None:
+def _remove_partial(targets: Set[Path]) -> None:
     """Remove the unfinished files that killed processes have left of the targets."""
-    by_folder: dict[Path, set[str]] = {}
-    for item in items:
-        for target in item.targets:
-            path = out / target
-            by_folder.setdefault(path.parent, set()).add(f".{path.name}")
-    for folder, names in by_folder.items():
+    for folder in {target.parent for target in targets}:
         for path in folder.glob(".*.partial"):
-            if path.name.removesuffix(".partial").rpartition(".")[0] in names:
+            name = path.name.removeprefix(".").removesuffix(".partial").rpartition(".")[0]
+            if folder / name in targets:
                 path.unlink(missing_ok=True)
 
 

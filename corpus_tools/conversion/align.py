@@ -61,10 +61,10 @@ def read_transcripts(wavs: Sequence[Path], text: Path | None) -> dict[Path, str]
         table = {}
         for wav in wavs:
             folder = wav.parent if text is None else text
-            beside = (folder / f"{wav.stem}{ending}" for ending in _BESIDE)
-            file = next((path for path in beside if path.is_file()), None)
-            if file is not None:
-                table[wav.stem] = read_label_text(file)
+            for ending in _BESIDE:
+                beside = folder / f"{wav.stem}{ending}"
+                if wav.stem not in table and beside.is_file():
+                    table[wav.stem] = read_label_text(beside)
     without = [name for name in names if not table.get(name, "").strip()]
     if without:
         more = f" and {len(without) - 10} more" if len(without) > 10 else ""
@@ -188,9 +188,7 @@ def align(
     """
     from mocap_fit.synthesis import Aligner
 
-    spoken = read_transcripts(
-        [Path(sound) for sound in sounds], None if text is None else Path(text)
-    )
+    spoken = read_transcripts(list(map(Path, sounds)), None if text is None else Path(text))
     aligner = Aligner(dictionary, acoustic_model, phone_set)
     aligner.find_words("\n".join(spoken.values()))
     folder = Path(out)
@@ -207,14 +205,8 @@ def align(
         else:
             file = folder / f"{wav.stem}.TextGrid"
             write_labels(to_labels(phones), file)
-            aligned.append(
-                {
-                    "utterance": wav.stem,
-                    "file": str(file),
-                    "phones": len(phones),
-                    "duration": phones.duration,
-                }
-            )
+            figures = {"phones": len(phones), "duration": phones.duration}
+            aligned.append({"utterance": wav.stem, "file": str(file), **figures})
         if progress is not None:
             progress(count, len(spoken), fault)
     return AlignReport(folder, tuple(aligned), errors)

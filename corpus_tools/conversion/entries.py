@@ -155,12 +155,8 @@ def _draw_splits(
     )
     before = sum(former.get(name) == "test" for name in names)
     test = set(new[: max(0, round(splits.test_fraction * len(names)) - before)])
-    return tuple(
-        entry
-        if entry.split
-        else replace(entry, split=former.get(entry.id) or ("test" if entry.id in test else "train"))
-        for entry in entries
-    )
+    drawn = {name: former.get(name) or ("test" if name in test else "train") for name in names}
+    return tuple(replace(entry, split=entry.split or drawn[entry.id]) for entry in entries)
 
 
 def _read_rows(table: Path) -> list[tuple[int, dict[str, str]]]:
@@ -209,16 +205,10 @@ def _make_entry(manifest: Manifest, row: dict[str, str], where: dict[str, Any]) 
             expected=", ".join(speakers),
             **where,
         )
-    matches = (s for s in manifest.sessions if (s.speaker, s.id) == (speaker, session))
-    special = next(matches, None)
-    reference = None if special is None else special.reference
-    start_time = None if special is None else special.start_time
-    return Entry(
-        name,
-        speaker,
-        session,
-        row.get("split", ""),
-        row.get("text", ""),
-        reference or speakers[speaker].reference,
-        manifest.start_time if start_time is None else start_time,
-    )
+    reference, start_time = speakers[speaker].reference, manifest.start_time
+    for special in manifest.sessions:
+        if (special.speaker, special.id) == (speaker, session):
+            reference = special.reference or reference
+            start_time = start_time if special.start_time is None else special.start_time
+    split, text = row.get("split", ""), row.get("text", "")
+    return Entry(name, speaker, session, split, text, reference, start_time)

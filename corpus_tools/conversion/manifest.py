@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator as After
 from pydantic import Field, model_validator
 
-from mocap_fit.fitting.objective import OBJECTIVES, Objective
+from mocap_fit.fitting.objective import Objective
 from mocap_fit.fitting.solving import SOLVERS
 from mocap_fit.settings_file import StrictModel, load_settings
 from mocap_fit.sound import SyncKind
@@ -180,7 +180,7 @@ class Fit(StrictModel):
 
     @model_validator(mode="after")
     def _check_solver(self) -> Self:
-        if self.objective not in OBJECTIVES or self.solver not in SOLVERS:
+        if self.solver not in SOLVERS:
             raise ValueError(f"the solver is none of {', '.join(SOLVERS)}")
         return self
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import bisect
+import contextlib
 import dataclasses
 import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from itertools import takewhile
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 from pydantic import ValidationError
 
@@ -72,8 +73,8 @@ class Settings:
         The manifest.
     options
         How recordings are fitted.
-    phone_table
-        The phone set, as a table that can be sent to another process.
+    phone_set
+        The phone set of the labels.
     speakers
         Speakers by the path of their reference pose.
     lips
@@ -86,38 +87,10 @@ class Settings:
 
     manifest: Manifest
     options: FitSettings
-    phone_table: Mapping[str, Any]
+    phone_set: PhoneSet
     speakers: Mapping[str, Speaker]
     lips: tuple[str, str] | None
     fingerprints: Mapping[str, str]
-
-    @cached_property
-    def phone_set(self) -> PhoneSet:
-        """Phone set of the labels."""
-        return PhoneSet.from_dict(self.phone_table)
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {key: value for key, value in self.__dict__.items() if key != "phone_set"}
-
-    def compute_fingerprint(self, item: UtteranceItem, sums: Mapping[str, str]) -> str:
-        """Return a sum over everything that the files of an utterance depend on.
-
-        Parameters
-        ----------
-        item
-            The utterance.
-        sums
-            SHA-256 of each of its files, by path.
-
-        Returns
-        -------
-        str
-            The sum, as hexadecimal digits.
-        """
-        named = [[path, sums[path]] for path in item.sources]
-        entry = item.entry
-        about = [self.fingerprints[entry.reference], entry.id, entry.start_time, named]
-        return hashlib.sha256(json.dumps(about).encode()).hexdigest()
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,9 +147,8 @@ def make_plan(manifest: Manifest, entries: tuple[Entry, ...], root: Path) -> Pla
     layout_name, face_name = _locate(root, manifest.layout), _locate(root, manifest.face)
     set_name = _locate(root, manifest.phone_set)
     phone_set = load_phone_set(set_name)
-    set_file = None
-    if set_name != manifest.phone_set:
-        set_file = (Path(set_name).name, Path(set_name).read_bytes())
+    is_shipped = set_name == manifest.phone_set
+    set_file = None if is_shipped else (Path(set_name).name, Path(set_name).read_bytes())
     layout = _set_size_varies(load_layout(layout_name), manifest.fit.size_varies, layout_name)
     lips = _find_lips(layout, layout_name) if manifest.sync.kind == "estimate" else None
     options = cast(FitSettings, manifest.fit.model_dump(exclude={"size_varies"}))
@@ -208,8 +180,7 @@ def make_plan(manifest: Manifest, entries: tuple[Entry, ...], root: Path) -> Pla
             items.append(_find_files(manifest, entry, finder))
         except MocapFitError as error:
             refused[entry.id] = str(error)
-    table = phone_set.to_dict()
-    settings = Settings(manifest, options, table, speakers, lips, fingerprints)
+    settings = Settings(manifest, options, phone_set, speakers, lips, fingerprints)
     return Plan(entries, tuple(items), refused, settings, set_file)
 
 
@@ -314,21 +285,14 @@ class _Finder:
             return None if path is None else path.relative_to(self.root).as_posix()
         names = self._list_names(self.root / folder)
         first = bisect.bisect_left(names, beginning)
-        matches = []
-        for name in names[first:]:
-            if not name.startswith(beginning):
-                break
-            matches.append(name)
+        matches = list(takewhile(lambda name: name.startswith(beginning), names[first:]))
         if len(matches) > 1:
             find_one_file(self.root, pattern)
-        if not matches:
-            return None
-        return f"{folder}/{matches[0]}" if folder else matches[0]
+        return f"{folder}/{matches[0]}".removeprefix("/") if matches else None
 
     def _list_names(self, folder: Path) -> list[str]:
         if folder not in self._listed:
-            try:
+            self._listed[folder] = []
+            with contextlib.suppress(OSError):
                 self._listed[folder] = sorted(p.name for p in folder.iterdir() if p.is_file())
-            except OSError:
-                self._listed[folder] = []
         return self._listed[folder]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,16 +16,8 @@ from mocap_fit.phones import UnknownPhone
 _TIMES = 5
 _LISTED = 5
 _WARNINGS = 10
-_FIGURES = (
-    "frames",
-    "fitted",
-    "duration",
-    "phones",
-    "residual_mm",
-    "head_residual_mm",
-    "sync",
-    "checks",
-)
+_COUNTS = ("frames", "fitted", "duration", "phones")
+_FIGURES = (*_COUNTS, "residual_mm", "head_residual_mm", "sync", "checks")
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +71,9 @@ class ConversionReport:
             Counts, a record per utterance, and times in seconds.
         """
         rows = [self._to_row(entry) for entry in self.entries]
-        work: dict[str, float] = {}
+        work: Counter[str] = Counter()
         for entry in self.entries:
-            for part, length in self.results[entry.id].seconds.items():
-                work[part] = work.get(part, 0.0) + length
+            work.update(self.results[entry.id].seconds)
         good = [row for row in rows if "error" not in row]
         return {
             "out": str(self.out),
@@ -98,12 +89,7 @@ class ConversionReport:
 
     def _to_row(self, entry: Entry) -> dict[str, Any]:
         result = self.results[entry.id]
-        row = {
-            "id": entry.id,
-            "speaker": entry.speaker,
-            "session": entry.session,
-            "split": entry.split,
-        }
+        row = {key: getattr(entry, key) for key in ("id", "speaker", "session", "split")}
         if result.error is not None:
             return {**row, "error": result.error}
         figures = {key: result.figures[key] for key in _FIGURES if key in result.figures}
@@ -138,7 +124,7 @@ def format_messages(results: Mapping[str, ItemResult], unlisted: Sequence[str] =
         lines.append(
             f"warning: {len(warned) - _WARNINGS} more: the column checks of the table has them"
         )
-    reasons: dict[str, list[str]] = {}
+    reasons: defaultdict[str, list[str]] = defaultdict(list)
     unknown: list[UnknownPhone] = []
     without: list[str] = []
     for name in sorted(results):
@@ -147,7 +133,7 @@ def format_messages(results: Mapping[str, ItemResult], unlisted: Sequence[str] =
             unknown += result.details
             without.append(name)
         elif result.error is not None:
-            reasons.setdefault(result.error, []).append(name)
+            reasons[result.error].append(name)
     lines += [f"error: {list_names(names)}: {reason}" for reason, names in reasons.items()]
     if unlisted:
         lines.append(
@@ -181,10 +167,10 @@ def list_names(names: Sequence[str]) -> str:
 
 def _list_unknown(phones: Sequence[UnknownPhone]) -> str:
     counts: Counter[str] = Counter()
-    where: dict[str, list[tuple[str, float]]] = {}
+    where: defaultdict[str, list[tuple[str, float]]] = defaultdict(list)
     for phone in phones:
         counts[phone.symbol] += phone.count
-        where.setdefault(phone.symbol, []).extend(phone.occurrences)
+        where[phone.symbol] += phone.occurrences
     listed = "; ".join(
         str(UnknownPhone(symbol, counts[symbol], tuple(times[:_TIMES])))
         for symbol, times in sorted(where.items())

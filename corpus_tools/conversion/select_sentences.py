@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 import re
 from collections import Counter
@@ -150,6 +148,8 @@ def select_sentences(
     MocapFitError
         If a file cannot be read, or no sentence is left.
     """
+    import pandas as pd
+
     from mocap_fit.drawing import save_figure
     from mocap_fit.phones.triphones import count_triphones, cover_triphones
 
@@ -187,11 +187,12 @@ def select_sentences(
     make_folder(folder)
     write_text(folder / "sentences.txt", "".join(f"{pool.texts[i]}\n" for i in chosen.sentences))
     rows = _compute_coverage(pool, table, chosen)
-    write_text(folder / "coverage.csv", _to_csv(rows))
+    write_text(folder / "coverage.csv", pd.DataFrame(rows).to_csv(index=False, lineterminator="\n"))
     words_by_count = sorted(pool.missing.items(), key=lambda item: (-item[1], item[0]))
     missing = [{"word": word, "count": times} for word, times in words_by_count]
     if lexicon is not None:
-        write_text(folder / "missing_words.csv", _to_csv(missing, ("word", "count")))
+        frame = pd.DataFrame(missing, columns=["word", "count"])
+        write_text(folder / "missing_words.csv", frame.to_csv(index=False, lineterminator="\n"))
     save_figure(folder / "coverage.png", _draw_coverage, rows, table.kinds)
     sentences = len(pool.texts) + pool.left_out
     return SelectionReport(
@@ -350,32 +351,20 @@ def _compute_coverage(
     pool: _Sentences, table: TriphoneTable, chosen: Selection
 ) -> list[dict[str, Any]]:
     total = int(table.occurrences.sum())
-    rows: list[dict[str, Any]] = []
-    before = 0
-    for rank, (sentence, covered, occurring) in enumerate(
-        zip(chosen.sentences, chosen.covered, chosen.occurrences, strict=True), 1
-    ):
-        rows.append(
-            {
-                "rank": rank,
-                "line": pool.lines[sentence],
-                "new_triphones": int(covered) - before,
-                "covered_triphones": int(covered),
-                "share_of_kinds": round(int(covered) / table.kinds, 6),
-                "share_of_occurrences": round(int(occurring) / total, 6),
-                "sentence": pool.texts[sentence],
-            }
-        )
-        before = int(covered)
-    return rows
-
-
-def _to_csv(rows: list[dict[str, Any]], names: tuple[str, ...] = ()) -> str:
-    stream = io.StringIO()
-    writer = csv.DictWriter(stream, names or tuple(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return stream.getvalue()
+    covered = [int(count) for count in chosen.covered]
+    occurring = [int(count) for count in chosen.occurrences]
+    return [
+        {
+            "rank": i + 1,
+            "line": pool.lines[sentence],
+            "new_triphones": covered[i] - (covered[i - 1] if i else 0),
+            "covered_triphones": covered[i],
+            "share_of_kinds": round(covered[i] / table.kinds, 6),
+            "share_of_occurrences": round(occurring[i] / total, 6),
+            "sentence": pool.texts[sentence],
+        }
+        for i, sentence in enumerate(chosen.sentences)
+    ]
 
 
 def _draw_coverage(rows: list[dict[str, Any]], kinds: int) -> Figure:
@@ -390,8 +379,8 @@ def _draw_coverage(rows: list[dict[str, Any]], kinds: int) -> Figure:
     ):
         shares = [0.0, *(100 * row[name] for row in rows)]
         axis.plot(ranks, shares, color=colour, label=f"{label}: {shares[-1]:.1f} %")
-    axis.set(xlabel="sentences", ylabel="triphones covered (%)", xlim=(0, ranks[-1]))
-    axis.set_ylim(0, 100)
+    axis.set(xlabel="sentences", ylabel="triphones covered (%)")
+    axis.set(xlim=(0, ranks[-1]), ylim=(0, 100))
     axis.grid(visible=True)
     axis.legend(loc="best")
     return figure

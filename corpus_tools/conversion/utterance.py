@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import json
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -62,7 +64,10 @@ class ConversionJob:
         str
             The sum, as hexadecimal digits.
         """
-        return self.settings.compute_fingerprint(item, sums)
+        entry, named = item.entry, [[path, sums[path]] for path in item.sources]
+        shared = self.settings.fingerprints[entry.reference]
+        about = [shared, entry.id, entry.start_time, named]
+        return hashlib.sha256(json.dumps(about).encode()).hexdigest()
 
     def is_complete(self, item: UtteranceItem, out: Path, figures: Mapping[str, Any]) -> bool:
         """Whether the sound of an earlier conversion is there unchanged.
@@ -81,12 +86,10 @@ class ConversionJob:
         bool
             False where the utterance must be converted again.
         """
-        if "audio" not in figures:
-            return True
-        try:
-            return bool(_sum_file(out / AUDIO / f"{item.name}.wav") == figures["audio"])
-        except OSError:
-            return False
+        with contextlib.suppress(OSError):
+            path = out / AUDIO / f"{item.name}.wav"
+            return "audio" not in figures or _sum_file(path) == str(figures["audio"])
+        return False
 
     def process(self, item: UtteranceItem, context: Context) -> dict[str, Any]:
         """Convert an utterance and write its files, the tracks last.

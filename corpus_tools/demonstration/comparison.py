@@ -53,10 +53,8 @@ class FittedRecording:
     @property
     def in_head_coordinates(self) -> FloatArray:
         """The markers without the estimated head motion, ``(frames, markers, 3)``, millimetres."""
-        motion = self.motion
-        return apply_inverse_transforms(
-            self.recording.positions, motion.rotations, motion.translations
-        )
+        positions, motion = self.recording.positions, self.motion
+        return apply_inverse_transforms(positions, motion.rotations, motion.translations)
 
     @property
     def hidden(self) -> NDArray[np.bool_]:
@@ -171,22 +169,17 @@ def measure_accuracy(
     # A parameter that no visible marker determines has no bound, and its error says nothing.
     uncertain = np.concatenate([r.fit.parameters.uncertain for r in recordings])
     used = np.isfinite(errors) & ~uncertain
-    shifts, turns = (
-        np.concatenate(parts)
-        for parts in zip(
-            *(compute_pose_errors(r.motion, r.true_pose) for r in recordings), strict=True
-        )
-    )
+    pose_errors = [compute_pose_errors(r.motion, r.true_pose) for r in recordings]
+    shifts, turns = map(np.concatenate, zip(*pose_errors, strict=True))
     spread = noise**2 * np.concatenate(
         [np.diagonal(r.motion.covariance, axis1=1, axis2=2) for r in recordings]
     )
+    columns = [(used[:, i], i) for i in range(len(names))]
     return Accuracy(
         names,
-        np.array([_rms(errors[used[:, i], i]) for i in range(len(names))]),
-        np.array([_rms(bounds[used[:, i], i]) for i in range(len(names))]),
-        np.array(
-            [_correlate(fitted[used[:, i], i], true[used[:, i], i]) for i in range(len(names))]
-        ),
+        np.array([_rms(errors[column]) for column in columns]),
+        np.array([_rms(bounds[column]) for column in columns]),
+        np.array([_correlate(fitted[column], true[column]) for column in columns]),
         _rms(shifts),
         _rms(turns),
         float(np.sqrt(np.nanmean(spread[:, 3:].sum(axis=1)))),

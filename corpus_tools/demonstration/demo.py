@@ -195,11 +195,8 @@ def _check_abilities() -> tuple[bool, bool]:
         try:
             check()
         except MissingExtraError as error:
-            warnings.warn(
-                f"{error} The demo goes on without the picture of {what}.",
-                MocapFitWarning,
-                stacklevel=2,
-            )
+            message = f"{error} The demo goes on without the picture of {what}."
+            warnings.warn(message, MocapFitWarning, stacklevel=2)
             able.append(False)
         else:
             able.append(True)

@@ -19,7 +19,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def draw_tracks(recording: FittedRecording, speaker: str = "") -> Figure:
+_SHADE: dict[str, Any] = {"alpha": 0.35, "lw": 0}
+_MARK: dict[str, Any] = {"ms": 6, "mec": "white", "mew": 0.7, "ls": "none"}
+
+
+def draw_tracks(recording: FittedRecording, speaker: str) -> Figure:
     """Draw every parameter over time: truth, fit, and two standard deviations around the fit.
 
     Parameters
@@ -34,17 +38,13 @@ def draw_tracks(recording: FittedRecording, speaker: str = "") -> Figure:
     Figure
         The figure.
     """
+    from matplotlib.patches import Patch
+
     fit, truth = recording.fit.parameters, recording.truth
-    times, count = truth.times, len(truth.names)
-    columns = 2
+    times, count, columns = truth.times, len(truth.names), 2
     rows = -(-count // columns)
-    figure, axes = create_figure(
-        (10.5, 1.25 * rows + 1.5),
-        rows + 1,
-        columns,
-        height_ratios=[1.0] * rows + [0.55],
-        sharex=True,
-    )
+    size, heights = (10.5, 1.25 * rows + 1.5), [1.0] * rows + [0.55]
+    figure, axes = create_figure(size, rows + 1, columns, height_ratios=heights, sharex=True)
     for i, name in enumerate(truth.names):
         axis: Axes = axes[i // columns, i % columns]
         deviation = 2 * fit.standard_deviations[:, i]
@@ -52,38 +52,29 @@ def draw_tracks(recording: FittedRecording, speaker: str = "") -> Figure:
         deviation = np.where(np.isinf(deviation), 10.0, deviation)
         value = fit.values[:, i]
         axis.plot(times, truth.values[:, i], color=INK, lw=2.6, alpha=0.35, label="truth")
-        axis.fill_between(
-            times,
-            value - deviation,
-            value + deviation,
-            color=ORANGE,
-            alpha=0.35,
-            lw=0,
-            label="±2 standard deviations",
-        )
+        band = (value - deviation, value + deviation)
+        axis.fill_between(times, *band, **_SHADE, color=ORANGE, label="±2 standard deviations")
         axis.plot(times, value, color=BLUE, lw=1.1, label="fit")
         axis.set_title(name.replace("_", " "), pad=3)
-        axis.set_ylim(-0.65, 1.25)
-        axis.set_yticks([-0.5, 0, 0.5, 1])
+        axis.set(ylim=(-0.65, 1.25), yticks=[-0.5, 0, 0.5, 1])
         axis.grid(axis="y")
         _shade(axis, times, ~recording.motion.known)
     for axis in axes[rows]:
         gaps = recording.hidden.sum(axis=1)
         axis.fill_between(times, gaps, step="mid", color=GREY, lw=0)
-        axis.set_ylim(0, max(5, int(gaps.max())))
         axis.locator_params(axis="y", nbins=3, integer=True)
         axis.set_title(f"face markers hidden (of {recording.hidden.shape[1]})", pad=3)
-        axis.set_xlabel("time (s)")
-        axis.set_xlim(times[0], times[0] + truth.duration)
+        axis.set(xlabel="time (s)", xlim=(times[0], times[0] + truth.duration))
+        axis.set_ylim(0, max(5, int(gaps.max())))
         _shade(axis, times, ~recording.motion.known)
     for spare in axes[:rows].ravel()[count:]:
         spare.axis("off")
     figure.supylabel("parameter (0 rest, 1 full gesture)", fontsize=9)
-    of_whom = f" of {speaker}" if speaker else ""
-    write_title(figure, f"Face parameters of the recording {truth.name}{of_whom}: truth and fit")
+    whose = f"{truth.name} of {speaker}"
+    write_title(figure, f"Face parameters of the recording {whose}: truth and fit")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     if not recording.motion.known.all():
-        handles.append(_create_patch(RED, 0.25))
+        handles.append(Patch(color=RED, alpha=0.25, lw=0))
         labels.append("head pose not known")
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
     return figure
@@ -102,8 +93,9 @@ def draw_residuals(recording: FittedRecording) -> Figure:
     Figure
         The figure.
     """
-    residuals = recording.fit.marker_residuals
-    times = recording.truth.times
+    import matplotlib
+
+    residuals, times = recording.fit.marker_residuals, recording.truth.times
     markers = residuals.shape[1]
     figure, axes = create_figure(
         (10.5, 7.2), 2, 2, height_ratios=[1, 3.6], width_ratios=[3.4, 1], sharex="col"
@@ -113,24 +105,16 @@ def draw_residuals(recording: FittedRecording) -> Figure:
     rms = recording.fit.parameters.residuals
     over_time.plot(times, rms, color=BLUE, lw=1.2)
     over_time.axhline(float(np.nanmedian(rms)), color=GREY, lw=1, ls="--")
-    over_time.set_ylim(0, 1.25 * float(np.nanmax(rms)))
-    over_time.set_ylabel("RMS (mm)")
+    over_time.set(ylim=(0, 1.25 * float(np.nanmax(rms))), ylabel="RMS (mm)")
     over_time.set_title(f"each frame (dashed: the median, {np.nanmedian(rms):.2f} mm)", pad=3)
     over_time.grid(axis="y")
     _shade(over_time, times, ~recording.motion.known)
 
-    largest = float(np.nanpercentile(residuals, 99.5))
     half = 0.5 / recording.truth.rate
-    colours = _create_colour_map()
-    image = heat.imshow(
-        residuals.T,
-        aspect="auto",
-        interpolation="nearest",
-        cmap=colours,
-        vmin=0,
-        vmax=largest,
-        extent=(times[0] - half, times[-1] + half, markers - 0.5, -0.5),
-    )
+    extent = (times[0] - half, times[-1] + half, markers - 0.5, -0.5)
+    image = heat.imshow(residuals.T, aspect="auto", interpolation="nearest", extent=extent)
+    image.set_cmap(matplotlib.colormaps["viridis"].with_extremes(bad=PALE))
+    image.set_clim(0, float(np.nanpercentile(residuals, 99.5)))
     heat.set_yticks(range(markers), [n.replace("_", " ") for n in recording.fit.marker_names])
     heat.tick_params(axis="y", labelsize=7, length=0)
     heat.set_title("each marker in each frame", pad=3)
@@ -141,11 +125,9 @@ def draw_residuals(recording: FittedRecording) -> Figure:
 
     root = np.sqrt(np.nanmean(residuals**2, axis=0))
     by_marker.barh(range(markers), root, color=BLUE, height=0.7)
-    by_marker.set_ylim(markers - 0.5, -0.5)
-    by_marker.set_yticks([])
+    by_marker.set(ylim=(markers - 0.5, -0.5), yticks=[], xlabel="RMS (mm)")
     by_marker.spines["left"].set_visible(False)
     by_marker.set_title("each marker", pad=3)
-    by_marker.set_xlabel("RMS (mm)")
     by_marker.grid(axis="x")
     write_title(figure, f"Residuals of the recording {recording.truth.name}")
     return figure
@@ -171,22 +153,10 @@ def draw_accuracy(by_objective: dict[str, Accuracy], noise: float) -> Figure:
     figure, axes = create_figure((8.0, 4.6), 1, 1)
     axis: Axes = axes[0, 0]
     axis.barh(rows, 100 * first.bounds, color=PALE, height=0.72, label="Cramér-Rao bound")
-    looks = (("o", BLUE), ("D", RED), ("s", GREEN))
-    shifts = np.linspace(-0.14, 0.14, len(by_objective)) if len(by_objective) > 1 else [0.0]
-    for (objective, result), (mark, colour), shift in zip(
-        by_objective.items(), looks, shifts, strict=False
-    ):
-        axis.plot(
-            100 * result.errors,
-            rows + shift,
-            mark,
-            color=colour,
-            ms=6,
-            mec="white",
-            mew=0.7,
-            ls="none",
-            label=f"RMS error, {objective}",
-        )
+    looks = (("o", BLUE, -0.14), ("D", RED, 0.14))
+    for (objective, result), (mark, colour, shift) in zip(by_objective.items(), looks, strict=True):
+        label = f"RMS error, {objective}"
+        axis.plot(100 * result.errors, rows + shift, mark, **_MARK, color=colour, label=label)
     axis.set_yticks(rows, [name.replace("_", " ") for name in first.names])
     axis.tick_params(axis="y", length=0)
     axis.invert_yaxis()
@@ -220,7 +190,7 @@ def draw_head(recording: FittedRecording) -> Figure:
         motion.rotations @ centre + motion.translations - centre,
         truth.rotations[:, 0] @ centre + truth.translations[:, 0] - centre,
     )
-    turns = [np.full((len(times), 3), np.nan), np.full((len(times), 3), np.nan)]
+    turns = (np.full((len(times), 3), np.nan), np.full((len(times), 3), np.nan))
     for turn, rotations in zip(turns, (motion.rotations, truth.rotations[:, 0]), strict=True):
         known = np.isfinite(rotations).all(axis=(1, 2))
         turn[known] = Rotation.from_matrix(rotations[known]).as_rotvec(degrees=True)
@@ -228,8 +198,7 @@ def draw_head(recording: FittedRecording) -> Figure:
         ("x, to the side", "y, back and forth", "z, up and down"),
         ("about x (nod)", "about y (tilt)", "about z (turn)"),
     )
-    errors = compute_pose_errors(motion, truth)
-    units = ("mm", "degrees")
+    errors, units = compute_pose_errors(motion, truth), ("mm", "degrees")
     for column, (estimate, true) in enumerate((shifts, turns)):
         axis, below = axes[:, column]
         for i, colour in enumerate((BLUE, RED, GREEN)):
@@ -242,13 +211,12 @@ def draw_head(recording: FittedRecording) -> Figure:
         axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, handlelength=1.2)
         error = np.degrees(errors[1]) if column else errors[0]
         below.plot(times, error, color=INK, lw=1)
-        below.set_ylim(0, 1.2 * float(np.nanmax(error)))
-        below.set_ylabel(f"error ({units[column]})")
-        below.set_xlabel("time (s)")
+        below.set(xlabel="time (s)", ylabel=f"error ({units[column]})")
         below.set_xlim(times[0], times[0] + recording.truth.duration)
+        below.set_ylim(0, 1.2 * float(np.nanmax(error)))
         below.grid(axis="y")
-        _shade(axis, times, ~motion.known)
-        _shade(below, times, ~motion.known)
+        for panel in (axis, below):
+            _shade(panel, times, ~motion.known)
     write_title(
         figure,
         f"Head motion of the recording {recording.truth.name} (thin: estimate, broad: truth), at "
@@ -308,25 +276,17 @@ def draw_faces(recording: FittedRecording, binding: Binding, frames: Sequence[in
                 axis.imshow(scene.draw(vertices))
                 axis.plot(*scene.project(measured).T, "o", color=BLUE, ms=2.6, mew=0)
                 axis.plot(*scene.project(virtual).T, "o", mfc="none", mec=ORANGE, ms=5, mew=1)
-                axis.set_xlim(0, size[0])
-                axis.set_ylim(size[1], 0)
+                axis.set(xlim=(0, size[0]), ylim=(size[1], 0))
                 axis.axis("off")
                 if row == 0:
                     axis.set_title(f"{recording.truth.times[frame]:.2f} s", loc="center", pad=3)
-    handles = [
-        Line2D([], [], marker="o", color=BLUE, ls="none", ms=5, mew=0, label="measured marker"),
-        Line2D(
-            [],
-            [],
-            marker="o",
-            mfc="none",
-            mec=ORANGE,
-            ls="none",
-            ms=7,
-            mew=1.4,
-            label="the same on the fitted face (alone: hidden from the cameras)",
-        ),
-    ]
+    measured_look: dict[str, Any] = {"color": BLUE, "ms": 5, "mew": 0}
+    fitted_look: dict[str, Any] = {"mfc": "none", "mec": ORANGE, "ms": 7, "mew": 1.4}
+    looks = {
+        "measured marker": measured_look,
+        "the same on the fitted face (alone: hidden from the cameras)": fitted_look,
+    }
+    handles = [Line2D([], [], marker="o", ls="none", label=n, **look) for n, look in looks.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
     write_title(figure, f"The face fitted to the recording {recording.truth.name}")
     return figure
@@ -370,15 +330,3 @@ def _shade(axis: Axes, times: FloatArray, where: NDArray[np.bool_]) -> None:
     half = 0.5 * (times[1] - times[0])
     for time in times[where]:
         axis.axvspan(time - half, time + half, color=RED, alpha=0.25, lw=0)
-
-
-def _create_patch(colour: str, alpha: float) -> Any:
-    from matplotlib.patches import Patch
-
-    return Patch(color=colour, alpha=alpha, lw=0)
-
-
-def _create_colour_map() -> Any:
-    import matplotlib
-
-    return matplotlib.colormaps["viridis"].with_extremes(bad=PALE)

@@ -12,6 +12,7 @@ from corpus_tools.demonstration.comparison import Accuracy, FittedRecording, mea
 from corpus_tools.simulation import OTHER_SPEAKER, Conditions, simulate
 from corpus_tools.tasks import TaskProgress, count_steps
 from mocap_fit.drawing import save_figure
+from mocap_fit.fitting import Binding
 from mocap_fit.fitting.objective import Objective
 from mocap_fit.fitting.speaker import Speaker, fit_speaker
 from mocap_fit.io import read_tracks
@@ -82,21 +83,17 @@ def run_fits(
         for session in SESSIONS
     }
     fits = _fit(out, speakers, progress)
-    errors = {
-        session: {
-            objective: measure_accuracy(
-                recordings,
-                speakers[session].binding,
-                conditions.noise,
-                bounded=SESSIONS[session][1] is None,
-            )
+    noise = conditions.noise
+    errors: dict[str, dict[Objective, Accuracy]] = {}
+    for session, by_objective in fits.items():
+        binding, bounded = speakers[session].binding, SESSIONS[session][1] is None
+        errors[session] = {
+            objective: measure_accuracy(recordings, binding, noise, bounded=bounded)
             for objective, recordings in by_objective.items()
         }
-        for session, by_objective in fits.items()
-    }
     report = {
         "layout": LAYOUT,
-        "noise_mm": conditions.noise,
+        "noise_mm": noise,
         "drop_outs": conditions.drop_outs,
         "unit": "% of a full gesture, which is 1.0 of a parameter",
         "sessions": {
@@ -104,15 +101,9 @@ def run_fits(
             for session, results in errors.items()
         },
     }
-    pictures = _draw(
-        out / "figures",
-        fits,
-        speakers,
-        errors["same_head"],
-        conditions.noise,
-        can_draw=can_draw,
-        progress=progress,
-    )
+    # Without off-screen drawing there are no faces.
+    drawn = speakers["same_head"].binding if can_draw else None
+    pictures = _draw(out / "figures", fits, drawn, errors["same_head"], noise, progress)
     return FitPart(errors, pictures, report)
 
 
@@ -163,36 +154,27 @@ def _fit(out: Path, speakers: dict[str, Speaker], progress: TaskProgress | None)
 def _draw(
     folder: Path,
     fits: Fits,
-    speakers: dict[str, Speaker],
+    binding: Binding | None,
     errors: dict[Objective, Accuracy],
     noise: float,
-    *,
-    can_draw: bool,
     progress: TaskProgress | None,
 ) -> list[Path]:
     """Draw all figures, and return their files."""
     shown = fits["same_head"][_OBJECTIVES[0]][0]
     other = fits["other_head"][_OBJECTIVES[0]][0]
+    proportions = "a head of other size and proportions"
     labels = {"squares": "least squares", "distances": "sum of distances"}
     results = {labels[objective]: result for objective, result in errors.items()}
     pictures: dict[str, tuple[Any, ...]] = {
         "tracks.png": (figures.draw_tracks, shown, "the built-in head"),
-        "tracks_other_head.png": (
-            figures.draw_tracks,
-            other,
-            "a head of other size and proportions",
-        ),
+        "tracks_other_head.png": (figures.draw_tracks, other, proportions),
         "residuals.png": (figures.draw_residuals, shown),
         "accuracy.png": (figures.draw_accuracy, results, noise),
         "head_motion.png": (figures.draw_head, shown),
     }
-    if can_draw:
-        pictures["faces.png"] = (
-            figures.draw_faces,
-            shown,
-            speakers["same_head"].binding,
-            figures.choose_frames(shown, _FACES),
-        )
+    if binding is not None:
+        frames = figures.choose_frames(shown, _FACES)
+        pictures["faces.png"] = (figures.draw_faces, shown, binding, frames)
     advance = count_steps(progress, "drawing figures", len(pictures))
     for name, call in pictures.items():
         save_figure(folder / name, *call)
@@ -230,18 +212,10 @@ def to_parameter_table(
     rows = []
     for i, name in enumerate(squares.names):
         bound = squares.bounds[i]
-        rows.append(
-            [
-                name,
-                f"{100 * bound:.2f}",
-                f"{100 * squares.errors[i]:.2f}",
-                f"{squares.errors[i] / bound:.2f}",
-                f"{100 * distances.errors[i]:.2f}",
-                f"{distances.errors[i] / bound:.2f}",
-                f"{distances.correlations[i]:.3f}",
-                f"{other.correlations[i]:.3f}",
-            ]
-        )
+        pairs = [(100 * fit.errors[i], fit.errors[i] / bound) for fit in (squares, distances)]
+        errors = [f"{value:.2f}" for pair in pairs for value in pair]
+        correlations = [f"{fit.correlations[i]:.3f}" for fit in (distances, other)]
+        rows.append([name, f"{100 * bound:.2f}", *errors, *correlations])
     return header, rows
 
 
@@ -260,18 +234,9 @@ def to_head_table(same: Accuracy, other: Accuracy) -> tuple[list[str], list[list
     tuple
         Header and rows.
     """
-    header = ["pose of the head", "bound", "error", "other head"]
-    return header, [
-        [
-            "centre of its markers (mm)",
-            f"{same.head_shift_bound:.3f}",
-            f"{same.head_shift:.3f}",
-            f"{other.head_shift:.3f}",
-        ],
-        [
-            "turn (degrees)",
-            f"{degrees(same.head_turn_bound):.3f}",
-            f"{degrees(same.head_turn):.3f}",
-            f"{degrees(other.head_turn):.3f}",
-        ],
+    shifts = (same.head_shift_bound, same.head_shift, other.head_shift)
+    turns = map(degrees, (same.head_turn_bound, same.head_turn, other.head_turn))
+    return ["pose of the head", "bound", "error", "other head"], [
+        ["centre of its markers (mm)", *(f"{shift:.3f}" for shift in shifts)],
+        ["turn (degrees)", *(f"{turn:.3f}" for turn in turns)],
     ]

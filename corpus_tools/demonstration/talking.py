@@ -128,11 +128,10 @@ def run_talk(
     (out / "evaluation").mkdir()
     title = format_title(corpus, "test")
     write_evaluation(result, models, shown, "jaw_rotation", out / "evaluation", title)
-    best, rules = _choose_models(result, models)
-    heads: dict[str, ParameterTracks] = {"measured": shown.read_tracks()}
-    for name in (best, rules):
-        model, tracks = models[name], shown.read_tracks()
-        heads[name] = model.predict(
+    tracks = shown.read_tracks()
+    heads: dict[str, ParameterTracks] = {"measured": tracks}
+    for name in _choose_models(result, models):
+        heads[name] = models[name].predict(
             shown.read_phones(), tracks.rate, start_time=tracks.start_time, frames=tracks.frames
         )
     movie = out / MOVIE if can_film else None
@@ -175,8 +174,7 @@ def _render(
 ) -> None:
     from mocap_fit.render import render_movie
 
-    duration = shown.read_tracks().start_time + shown.duration
-    frames = round(duration * _RATE)
+    frames = round((shown.read_tracks().start_time + shown.duration) * _RATE)
     render_movie(
         heads,
         path,

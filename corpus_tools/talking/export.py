@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -127,6 +125,8 @@ def export(
 
 def _write_csv(tracks: ParameterTracks, out: Path, rate: float | None) -> int:
     """Write one line per frame; missing values are empty."""
+    import pandas as pd
+
     times, values = tracks.times, tracks.values
     if rate is not None and rate != tracks.rate:
         frames = max(1, int(np.floor((tracks.frames - 1) * rate / tracks.rate + 1e-6)) + 1)
@@ -135,11 +135,6 @@ def _write_csv(tracks: ParameterTracks, out: Path, rate: float | None) -> int:
         nearest = np.rint((times - tracks.start_time) * tracks.rate).astype(int)
         known = np.isfinite(values[np.clip(nearest, 0, tracks.frames - 1)])
         values = np.where(known, tracks.at(times), np.nan)
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["time", *tracks.names])
-    for time, row in zip(times, values, strict=True):
-        cells = ["" if np.isnan(value) else f"{value:.6f}" for value in row]
-        writer.writerow([f"{time:.6f}", *cells])
-    write_text(out, text.getvalue())
+    frame = pd.DataFrame(np.column_stack([times, values]), columns=["time", *tracks.names])
+    write_text(out, frame.to_csv(index=False, float_format="%.6f", lineterminator="\n"))
     return len(times)

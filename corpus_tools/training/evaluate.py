@@ -57,9 +57,13 @@ class EvaluationReport:
         dict[str, Any]
             Scores, correlations and files.
         """
-        content = self.scores.to_dict()
-        if self.landmarks is not None:
-            content["landmarks"] = _to_landmark_dict(self.landmarks)
+        content, landmarks = self.scores.to_dict(), self.landmarks
+        if landmarks is not None:
+            models = {}
+            for i, name in enumerate(landmarks.models):
+                models[name] = dict(zip(MEASURES, landmarks.correlation[i].tolist(), strict=True))
+                models[name] |= {key: getattr(landmarks, key)[i] for key in ("mean", "low", "high")}
+            content["landmarks"] = {"frames": landmarks.frames, "models": models}
         return {**content, "files": list(self.files)}
 
     def __repr__(self) -> str:
@@ -131,24 +135,13 @@ def evaluate(
             f"the corpus has no parameter '{drawn}'", expected=f"one of {', '.join(names)}"
         )
     make_folder(folder)
-    result = evaluation.evaluate(
-        scored,
-        loaded,
-        face=face,
-        resamples=resamples,
-        seed=seed,
-        progress=count_steps(progress, "scoring utterances", len(scored)),
-    )
+    how: dict[str, Any] = {"face": face, "resamples": resamples, "seed": seed}
+    advance = count_steps(progress, "scoring utterances", len(scored))
+    result = evaluation.evaluate(scored, loaded, **how, progress=advance)
     beside = None
     if landmarks:
-        beside = evaluation.evaluate_landmarks(
-            scored,
-            loaded,
-            face=face,
-            resamples=resamples,
-            seed=seed,
-            progress=count_steps(progress, "comparing with the markers", len(scored)),
-        )
+        advance = count_steps(progress, "comparing with the markers", len(scored))
+        beside = evaluation.evaluate_landmarks(scored, loaded, **how, progress=advance)
     title = format_title(opened, split)
     files = write_evaluation(result, loaded, shown, drawn, folder, title, beside, progress)
     return EvaluationReport(result, beside, tuple(files))
@@ -176,8 +169,7 @@ def load_models(files: Sequence[Path]) -> dict[str, ControlModel]:
     titles = [model.title for _, model in loaded]
     models: dict[str, ControlModel] = {}
     for file, model in loaded:
-        unique = titles.count(model.title) == 1
-        name = model.title if unique else f"{model.title} ({file.stem})"
+        name = model.title + ("" if titles.count(model.title) == 1 else f" ({file.stem})")
         if name in models:
             raise ConfigurationError("two models have one name", path=file, found=name)
         models[name] = model
@@ -250,28 +242,17 @@ def write_evaluation(
     write_json(out / "evaluation.json", result.to_dict())
     tracks, phones = shown.read_tracks(), shown.read_phones()
     predictions = {name: m.predict_at(phones, tracks.times) for name, m in models.items()}
+    shown_curves = (tracks, predictions, phones, parameter, shown.text)
     calls: dict[str, tuple[Any, ...]] = {
         "scores": (figures.plot_scores, result),
         "parameters": (figures.plot_parameters, result),
-        "trajectories": (
-            figures.plot_trajectories,
-            tracks,
-            predictions,
-            phones,
-            parameter,
-            shown.text,
-        ),
+        "trajectories": (figures.plot_trajectories, *shown_curves),
     }
     for name, model in models.items():
         label = "".join(c if c.isalnum() else "_" for c in name).lower()
         if isinstance(model, CohenMassaro) and len(phones) <= _SEGMENTS:
-            calls[f"dominance_{label}"] = (
-                figures.plot_dominances,
-                model,
-                tracks,
-                phones,
-                parameter,
-            )
+            functions = (model, tracks, phones, parameter)
+            calls[f"dominance_{label}"] = (figures.plot_dominances, *functions)
         if model.log_:
             calls[f"training_{label}"] = (figures.plot_training, model.log_, f"Training: {name}")
     files = []
@@ -349,18 +330,3 @@ def format_sections(result: Evaluation, out: Path, pictures: Sequence[str]) -> l
         html_page.format_picture(out / f"{name}.png", captions.get(name, "")) for name in pictures
     ]
     return parts
-
-
-def _to_landmark_dict(scores: LandmarkScores) -> dict[str, Any]:
-    return {
-        "frames": scores.frames,
-        "models": {
-            name: {
-                **dict(zip(MEASURES, scores.correlation[i].tolist(), strict=True)),
-                "mean": scores.mean[i],
-                "low": scores.low[i],
-                "high": scores.high[i],
-            }
-            for i, name in enumerate(scores.models)
-        },
-    }

@@ -229,12 +229,8 @@ def sweep_look_ahead(
     lines = [",".join(rows[0]), *(",".join(f"{v:.6g}" for v in row.values()) for row in rows)]
     table, figure = folder / "look_ahead.csv", folder / "look_ahead.png"
     write_text(table, "\n".join(lines) + "\n")
-    save_figure(
-        figure,
-        plot_look_ahead,
-        [point.look_ahead for point in points],
-        [point.error for point in points],
-    )
+    look_ahead, errors = [point.look_ahead for point in points], [point.error for point in points]
+    save_figure(figure, plot_look_ahead, look_ahead, errors)
     checkpoint.unlink(missing_ok=True)
     return SweepReport(len(training), rows, (table, figure))
 
@@ -262,11 +258,12 @@ def split_training(
     tuple[Corpus, Corpus]
         What is learned from, and what is held out.
     """
+    training = corpus.get_split("train")
     if protocol == "paper":
-        return corpus.get_split("train"), corpus.get_split("test")
+        return training, corpus.get_split("test")
     if "validation" in corpus.splits:
-        return corpus.get_split("train"), corpus.get_split("validation")
-    return corpus.get_split("train").hold_out(fraction, seed)
+        return training, corpus.get_split("validation")
+    return training.hold_out(fraction, seed)
 
 
 def format_entry(task: str, entry: LogEntry) -> str:
