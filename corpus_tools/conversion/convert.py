@@ -79,16 +79,11 @@ def convert(
     folder = Path(out)
     entries = list_entries(settings, base, read_former_splits(folder, settings))
     plan = make_plan(settings, entries, base)
+    job = ConversionJob(plan.settings)
     refused = [ItemResult(name, error=reason) for name, reason in plan.refused.items()]
     with open_folder(folder):
         converted = run_batch(
-            ConversionJob(plan.settings),
-            plan.items,
-            folder,
-            jobs=jobs,
-            cluster=cluster,
-            fresh=fresh,
-            progress=progress,
+            job, plan.items, folder, jobs=jobs, cluster=cluster, fresh=fresh, progress=progress
         )
         results = {result.name: result for result in (*refused, *converted)}
         removed = finish(plan, results, folder)

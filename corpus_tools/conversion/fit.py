@@ -224,22 +224,14 @@ def fit(
     listed = [recordings] if isinstance(recordings, (str, os.PathLike)) else recordings
     files = find_recordings([Path(path) for path in listed])
     speaker = fit_speaker(face, layout, Path(reference))
-    settings: FitSettings = {
-        "objective": objective,
-        "solver": solver,
-        "refine_pose": refine_pose,
-        "smooth": smooth,
-    }
+    settings = FitSettings(
+        objective=objective, solver=solver, refine_pose=refine_pose, smooth=smooth
+    )
     job = _FitJob(speaker, settings, between, speaker.compute_fingerprint(**settings))
     seconds = {"speaker": time.perf_counter() - began}
+    items = [_to_item(file) for file in files]
     results = run_batch(
-        job,
-        [_to_item(file) for file in files],
-        Path(out),
-        jobs=jobs,
-        cluster=cluster,
-        fresh=fresh,
-        progress=progress,
+        job, items, Path(out), jobs=jobs, cluster=cluster, fresh=fresh, progress=progress
     )
     for result in results:
         for part, length in result.seconds.items():

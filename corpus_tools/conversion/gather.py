@@ -6,8 +6,10 @@ import contextlib
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from corpus_tools.batch import ItemResult
+from corpus_tools.conversion.entries import Entry
 from corpus_tools.conversion.manifest import Manifest
 from corpus_tools.conversion.plan import AUDIO, PARTS, Plan
 from corpus_tools.conversion.utterance import STEP
@@ -127,21 +129,7 @@ def finish(plan: Plan, results: Mapping[str, ItemResult], out: Path) -> list[str
         Utterances that were in the corpus and are not in it any more.
     """
     good = {name: result.figures for name, result in results.items() if result.error is None}
-    utterances = tuple(
-        Utterance(
-            entry.id,
-            entry.speaker,
-            entry.session,
-            entry.split,
-            good[entry.id]["duration"],
-            entry.text,
-            tuple(good[entry.id]["sources"]),
-            tuple(good[entry.id]["checks"]),
-            out,
-        )
-        for entry in plan.entries
-        if entry.id in good
-    )
+    utterances = tuple(_to_utterance(e, good[e.id], out) for e in plan.entries if e.id in good)
     wanted = {f"{part}/{name}.parquet" for name in good for part in PARTS}
     wanted |= {f"{AUDIO}/{name}.wav" for name, known in good.items() if "audio" in known}
     before = {path.stem for path in (out / PARTS[-1]).glob("*.parquet")}
@@ -155,6 +143,12 @@ def finish(plan: Plan, results: Mapping[str, ItemResult], out: Path) -> list[str
             if f"{folder}/{path.name}" not in wanted:
                 path.unlink()
     return sorted(before - set(good))
+
+
+def _to_utterance(entry: Entry, figures: Mapping[str, Any], out: Path) -> Utterance:
+    names = (entry.id, entry.speaker, entry.session, entry.split)
+    sources, checks = tuple(figures["sources"]), tuple(figures["checks"])
+    return Utterance(*names, figures["duration"], entry.text, sources, checks, out)
 
 
 def _write_description(

@@ -190,29 +190,27 @@ def _check_abilities() -> tuple[bool, bool]:
     from mocap_fit.render import require_off_screen
     from mocap_fit.render.movie_file import find_ffmpeg
 
-    able = []
+    missing = set()
     for what, check in (("faces", require_off_screen), ("the movie", find_ffmpeg)):
         try:
             check()
         except MissingExtraError as error:
             message = f"{error} The demo goes on without the picture of {what}."
             warnings.warn(message, MocapFitWarning, stacklevel=2)
-            able.append(False)
-        else:
-            able.append(True)
-    return able[0], able[1]
+            missing.add(what)
+    return "faces" not in missing, "the movie" not in missing
 
 
 def _format_sections(report: DemoReport) -> list[str]:
     """Return what the page shows."""
     fits, talk, out = report.fits, report.talk, report.out
     same, other = fits.errors["same_head"], fits.errors["other_head"]
-    parts = []
-    if talk.movie is not None:
-        parts.append(format_picture(talk.movie, f"“{talk.text}”: {', '.join(talk.heads)}."))
+    caption = f"“{talk.text}”: {', '.join(talk.heads)}."
+    movie = [] if talk.movie is None else [format_picture(talk.movie, caption)]
     counts = {split: len(talk.corpus.get_split(split)) for split in talk.corpus.splits}
     table = to_parameter_table(same["squares"], same["distances"], other["distances"])
-    parts += [
+    return [
+        *movie,
         format_paragraph(
             f"A simulated speaker says {len(talk.corpus)} Swedish sentences with 35 markers on. "
             "The head's motion is taken out, the parameters of a face model are fitted frame by "
@@ -232,4 +230,3 @@ def _format_sections(report: DemoReport) -> list[str]:
         ),
         *format_sections(talk.result, out / "evaluation", ("scores", "parameters", "trajectories")),
     ]
-    return parts
