@@ -80,7 +80,10 @@ def _accept_options(
         ),
     ] = False,
 ) -> None:
-    pass
+    # Before a command imports its libraries; not at the top, which --help reads.
+    from mocap_fit.processes import limit_threads
+
+    limit_threads()
 
 
 for _module in (look_commands, corpus_commands, model_commands, speak_commands):

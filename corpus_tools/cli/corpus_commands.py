@@ -11,7 +11,6 @@ import typer
 from corpus_tools.cli import arguments, console, display
 from corpus_tools.cli.arguments import Argument, AsJson, Option
 from corpus_tools.cli.console import Status
-from mocap_fit.processes import limit_threads
 
 
 def _fit(
@@ -57,7 +56,6 @@ def _fit(
     """
     arguments.check_workers(dask, jobs)
     part = arguments.parse_between(between)
-    limit_threads()
     from corpus_tools.cli import corpus_printing
     from corpus_tools.conversion.fit import fit as run
     from mocap_fit.fitting.objective import OBJECTIVES
@@ -134,7 +132,6 @@ def _convert(
     a manifest is explained by `mocap-fit convert --example`.
     """
     arguments.check_workers(dask, jobs)
-    limit_threads()
     from corpus_tools.cli import corpus_printing
     from corpus_tools.conversion.convert import convert as run
 

@@ -11,7 +11,6 @@ import typer
 from corpus_tools.cli import console, display
 from corpus_tools.cli.arguments import Argument, AsJson, Option
 from corpus_tools.cli.console import Status
-from mocap_fit.processes import limit_threads
 
 if TYPE_CHECKING:
     from mocap_fit.errors import MocapFitError
@@ -25,7 +24,6 @@ def _demo(
     as_json: AsJson = False,
 ) -> None:
     """Run the whole path on recordings that it makes itself: fit, train, score, talk."""
-    limit_threads()
     from corpus_tools.cli import demo_printing
     from corpus_tools.demonstration.demo import demo as run
 

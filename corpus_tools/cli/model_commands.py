@@ -11,7 +11,6 @@ import typer
 
 from corpus_tools.cli import arguments, console, display
 from corpus_tools.cli.arguments import Argument, AsJson, Option
-from mocap_fit.processes import limit_threads
 
 if TYPE_CHECKING:
     from corpus_tools.training.evaluate import EvaluationReport
@@ -54,7 +53,6 @@ def _train(
     """Train a control model on the training part of a corpus."""
     if sweep == (model is not None):
         raise typer.BadParameter("give --model or --sweep-look-ahead", param_hint="--model")
-    limit_threads()
     from corpus_tools.training import train as trainer
 
     values = arguments.parse_settings(settings or [])
@@ -150,7 +148,6 @@ def _evaluate(
     as_json: AsJson = False,
 ) -> None:
     """Score trained control models on held-out utterances; write tables, figures, one page."""
-    limit_threads()
     from corpus_tools.training.evaluate import evaluate as run
 
     with display.show_progress() as progress:

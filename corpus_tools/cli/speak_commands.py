@@ -11,7 +11,6 @@ import typer
 
 from corpus_tools.cli import arguments, display
 from corpus_tools.cli.arguments import Argument, AsJson, Option
-from mocap_fit.processes import limit_threads
 
 if TYPE_CHECKING:
     from mocap_fit.render.scene import View
@@ -100,7 +99,6 @@ def _speak(
     Models that are named by their kind are trained on simulated sentences of the language when
     they are first used, and saved; `mocap-fit speak --prepare` trains them all beforehand.
     """
-    limit_threads()
     from corpus_tools.cli import speak_printing
     from corpus_tools.talking import speak as speaking
 
