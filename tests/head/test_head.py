@@ -387,6 +387,7 @@ def test_impossible_references_are_refused_with_the_reason(rng, spoil, words):
         (("bridge", "hinge_left"), None, "too few"),
         (HEAD, {"bridge": -1.0}, "weight is out of range"),
         (HEAD, {"bridge": np.nan}, "weight is out of range"),
+        (HEAD, {"bridge": 0.0}, "weight is out of range"),
         (HEAD, {"nose": 1.0}, "unknown marker.*nose"),
     ],
 )

@@ -48,7 +48,7 @@ def test_another_unit_is_named(factor, says):
 
 
 @pytest.mark.filterwarnings("ignore::mocap_fit.errors.MocapFitWarning")
-@pytest.mark.parametrize("factor", [0.51, 1.99])
+@pytest.mark.parametrize("factor", [0.5, 0.51, 1.99, 2.0])
 def test_half_and_double_the_size_are_taken(factor):
     recording = take(factor * np.repeat(SHAPE[None], 3, axis=0))
     estimate_head_motion(recording, SHAPE[:4], HEAD)
@@ -184,3 +184,9 @@ def test_the_repr_tells_what_happened(rng):
         f"first {frames[0]}, last {frames[-1]}"
     )
     assert len(lines) == 6
+
+
+def test_names_that_the_recording_lacks_make_no_reference():
+    with pytest.raises(DataError, match="too few reference markers") as caught:
+        estimate_head_motion(take(), names=("one", "other", "third"))
+    assert "one" in str(caught.value)
