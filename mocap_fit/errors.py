@@ -7,7 +7,6 @@ ordinary Python exceptions.
 
 from __future__ import annotations
 
-import copy
 import errno
 import os
 from typing import Any, TypeVar
@@ -163,8 +162,9 @@ def add_path(error: _AnyError, path: str | os.PathLike[str]) -> _AnyError:
     """
     if error.path is not None:
         return error
-    result = copy.copy(error)
-    result.path = os.fspath(path)
+    # Not by copy: where dask is imported, a copy of an exception shares its attributes.
+    result = type(error).__new__(type(error))
+    result.__setstate__({**vars(error), "path": os.fspath(path)})
     result.args = (result._compose_message(),)
     return result
 

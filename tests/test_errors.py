@@ -103,8 +103,11 @@ def test_a_missing_file_is_also_a_file_not_found_error():
         assert twin.problem == "there is no such file"
 
 
+@pytest.mark.parametrize("dask", [False, True])
 @pytest.mark.parametrize("kind", [DataError, MissingFileError])
-def test_a_path_is_added_where_an_error_names_none(kind):
+def test_a_path_is_added_where_an_error_names_none(kind, dask):
+    if dask:  # It changes how exceptions are copied.
+        pytest.importorskip("distributed")
     error = kind("no marker is seen", frame=4, found=0, expected=3, advice="Look.")
     named = errors.add_path(error, Path("take.tsv"))
     assert type(named) is kind
