@@ -110,7 +110,7 @@ def find_exchanges(
                 owner[members] = owner[np.roll(members, -1)]
         owners[frame] = owner
     owners = _choose_longer_side(owners)
-    exchanges = _find_exchanges(owners)
+    exchanges = _collect_exchanges(owners)
     mended = positions
     if exchanges:
         mended = np.empty_like(positions)
@@ -142,7 +142,7 @@ def _choose_longer_side(owners: NDArray[np.intp]) -> NDArray[np.intp]:
     return np.asarray(np.argsort(commonest)[owners])
 
 
-def _find_exchanges(owners: NDArray[np.intp]) -> list[Exchange]:
+def _collect_exchanges(owners: NDArray[np.intp]) -> list[Exchange]:
     frames = len(owners)
     exchanges = []
     changes = np.flatnonzero((np.diff(owners, axis=0) != 0).any(axis=1)) + 1
