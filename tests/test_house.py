@@ -23,6 +23,7 @@ ROOMS = {
         "errors",
         "registry",
         "atomic_file",
+        "size_limit",
         "settings_file",
         "processes",
         "drawing",

@@ -18,6 +18,7 @@ import typer
 from typer.core import TyperGroup
 
 from corpus_tools.cli import console, corpus_commands, look_commands, model_commands, speak_commands
+from corpus_tools.cli.arguments import accept_max_size
 from mocap_fit._version import __version__
 
 
@@ -88,4 +89,5 @@ def _accept_options(
 
 for _module in (look_commands, corpus_commands, model_commands, speak_commands):
     for _name, _command in _module.COMMANDS.items():
-        app.command(_name)(_command)
+        _reads = _name not in ("demo", "simulate")
+        app.command(_name)(accept_max_size(_command) if _reads else _command)

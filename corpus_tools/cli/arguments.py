@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
+import os
 import re
 import tomllib
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import typer
 
+from mocap_fit.errors import ConfigurationError
+from mocap_fit.size_limit import VARIABLE, get_largest_size
+
 ChoiceT = TypeVar("ChoiceT", bound=str)
 
 # A file that may not be read is bad data, and typer would call it a wrong call.
-Argument = partial(typer.Argument, readable=False)
-Option = partial(typer.Option, readable=False)
+Argument = functools.partial(typer.Argument, readable=False)
+Option = functools.partial(typer.Option, readable=False)
 
 AsJson = Annotated[bool, Option("--json", help="Print JSON, for programs.")]
 Jobs = Annotated[int, Option(min=0, help="Number of processes; 0 for one per core.")]
@@ -27,6 +32,49 @@ Face = Annotated[str, Option(help="The face: built-in, or a rig file.")]
 Layout = Annotated[str, Option(help="The marker layout: a shipped name, or a TOML file.")]
 
 _BETWEEN = re.compile(r"(\d+(?:\.\d*)?)-(\d+(?:\.\d*)?)")
+
+
+_MaxSize = Annotated[
+    str | None,
+    Option(metavar="SIZE", help="What a file may unpack to, such as 8GB; by default 2GB."),
+]
+
+
+def accept_max_size(command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command with the option of how large the files that it reads may be.
+
+    Parameters
+    ----------
+    command
+        The command.
+
+    Returns
+    -------
+    Callable
+        The command; the limit holds for the processes that it starts as well.
+    """
+
+    @functools.wraps(command)
+    def run(*, max_size: str | None, **values: Any) -> None:
+        former = os.environ.get(VARIABLE, "")
+        os.environ[VARIABLE] = former if max_size is None else max_size
+        try:
+            get_largest_size()
+        except ConfigurationError as error:
+            raise typer.BadParameter(str(error), param_hint="--max-size") from None
+        try:
+            command(**values)
+        finally:
+            os.environ[VARIABLE] = former
+
+    signature = inspect.signature(command, eval_str=True)
+    option = inspect.Parameter(
+        "max_size", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=_MaxSize
+    )
+    parameters = [*signature.parameters.values(), option]
+    vars(run)["__signature__"] = signature.replace(parameters=parameters)
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return run
 
 
 def check_choice(value: str, known: Sequence[ChoiceT], option: str) -> ChoiceT:

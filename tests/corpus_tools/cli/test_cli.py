@@ -19,6 +19,7 @@ from corpus_tools.cli import app as cli
 from corpus_tools.cli import console, display
 from corpus_tools.tasks import count_steps
 from mocap_fit.errors import DataError, FileFormatError, MocapFitWarning
+from mocap_fit.size_limit import VARIABLE
 
 RECORDING = (
     "NO_OF_FRAMES\t4\n"
@@ -391,3 +392,21 @@ class TestProcess:
             )
         assert run.stderr == ""
         assert run.returncode == 141
+
+
+def test_max_size_holds_for_one_command_and_its_processes(recording, monkeypatch, capsys):
+    monkeypatch.setenv(VARIABLE, "3GB")
+    seen = []
+
+    def look(*_, **__):
+        seen.append(os.environ[VARIABLE])
+        raise DataError("enough")
+
+    monkeypatch.setattr("corpus_tools.inspection.info.info", look)
+    assert cli.main(["info", str(recording), "--max-size", "8GB"]) == 1
+    assert cli.main(["info", str(recording)]) == 1
+    assert seen == ["8GB", "3GB"]
+    assert os.environ[VARIABLE] == "3GB"
+    assert cli.main(["info", str(recording), "--max-size", "plenty"]) == 2
+    assert "plenty" in capsys.readouterr().err
+    assert len(seen) == 2
