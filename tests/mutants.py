@@ -2,7 +2,7 @@
 
 ``make mutants ROOM=tracks`` draws 80 changes of ``mocap_fit/tracks`` by a seed, makes each in a
 copy of the repository with a numba cache of its own, and names those that no test notices. What
-changes nothing has a line ``FILE: CHANGE # REASON`` in ``tests/equivalent_mutants.txt``.
+changes nothing has a line ``FILE: LINE: CHANGE # REASON`` in ``tests/equivalent_mutants.txt``.
 """
 
 import argparse
@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -43,7 +44,7 @@ def changes(node: ast.AST) -> Iterator[ast.AST]:
             yield ast.Constant(not node.value)
         elif isinstance(node.value, int | float):
             yield ast.Constant(node.value + 1)
-            if node.value:
+            if node.value not in (0, 1):
                 yield ast.Constant(node.value * 2)
     elif isinstance(node, ast.Compare):
         yield ast.Compare(node.left, [SWAPS[type(node.ops[0])](), *node.ops[1:]], node.comparators)
@@ -65,56 +66,59 @@ SKIPPED = {"annotation", "returns", "decorator_list", "exc", "cause", "type_para
 def walk(node: ast.AST) -> Iterator[tuple[ast.AST, str, int | None, ast.AST]]:
     """Each piece of code that may change, with where it hangs: parent, field, index."""
     for field, value in ast.iter_fields(node):
-        if field in SKIPPED:
-            continue
         for index, child in enumerate(value) if isinstance(value, list) else [(None, value)]:
-            if isinstance(child, ast.AST):
+            strict = getattr(child, "arg", None) == "strict"
+            if isinstance(child, ast.AST) and not strict and field not in SKIPPED:
                 yield node, field, index, child
                 yield from walk(child)
 
 
-def mutants(room: Path) -> list[Mutant]:
+def mutants(room: Path) -> Iterator[Mutant]:
     """List all changes of a room."""
-    result = []
     for path in sorted(room.rglob("*.py")) if room.is_dir() else [room]:
         tree = ast.parse(path.read_text(encoding="utf-8"))
-        for parent, field, index, child in list(walk(tree)):
+        for parent, field, at, child in list(walk(tree)):
+            values, key = (vars(parent), field) if at is None else (getattr(parent, field), at)
             for changed in changes(child):
-                inside = index is not None
-                values, key = (getattr(parent, field), index) if inside else (vars(parent), field)
                 values[key] = ast.copy_location(changed, child)
                 words = f"{ast.unparse(child)[:60]} -> {ast.unparse(changed)[:60]}"
-                result.append((path, child.lineno, words, ast.unparse(tree)))
+                yield path, child.lineno, words, ast.unparse(tree)
                 values[key] = child
-    return result
 
 
-def run_tests(folder: Path, tests: list[str]) -> int:
+def order_tests(folder: Path, file: Path) -> list[Path]:
+    """List the files of tests: first that of a module's name, then those that import it."""
+    name, stem = ".".join(file.with_suffix("").parts), f"test_{file.stem}"
+    tests = sorted(folder.rglob("test_*.py"))
+    return sorted(tests, key=lambda test: (test.stem != stem, name not in test.read_text("utf-8")))
+
+
+def run_tests(folder: Path, tests: list[Path], limit: float | None = None, cache: str = "") -> int:
     """Run the quick tests of a copy and return pytest's status; one that hangs has failed."""
-    settings = {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "numba")}
+    settings = {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": f"{folder}/numba{cache}"}
     options = {"cwd": folder, "env": os.environ | settings, "capture_output": True}
     command = [sys.executable, "-m", "pytest", "-qx", "-m", "not slow and not real_data", *tests]
     try:
-        return subprocess.run(command, timeout=300, check=False, **options).returncode
+        return subprocess.run(command, timeout=limit, check=False, **options).returncode
     except subprocess.TimeoutExpired:
         return 1
 
 
-def try_mutant(mutant: Mutant, folders: Queue[Path], tests: list[str]) -> str:
+def try_mutant(mutant: Mutant, folders: Queue[Path], tests: str, limit: float) -> str:
     path, line, words, source = mutant
-    name = f"{path.relative_to(ROOT)}: {words}"
-    if EQUIVALENT.is_file() and f"{name} # " in EQUIVALENT.read_text("utf-8"):
+    file, before = path.relative_to(ROOT), path.read_text("utf-8")
+    words = f"{before.splitlines()[line - 1].strip()}: {words}"
+    if f"{file}: {words} # " in EQUIVALENT.read_text("utf-8"):
         return "equivalent"
     folder = folders.get()
-    target = folder / path.relative_to(ROOT)
-    original = target.read_bytes()
-    shutil.rmtree(folder / "numba", ignore_errors=True)
-    shutil.copytree(folder / "numba_before", folder / "numba")
-    target.write_text(source, encoding="utf-8")
-    result = "killed" if run_tests(folder, tests) else "survived"
-    target.write_bytes(original)
+    (folder / file).write_text(source, encoding="utf-8")
+    # Numba notices a change in the file of a function only, not in those that it calls.
+    cache = f"/{time.monotonic_ns()}" if "numba" in before else ""
+    failed = run_tests(folder, order_tests(folder / tests, file), limit, cache)
+    shutil.copy2(path, folder / file)
     folders.put(folder)
-    print(f"{result:9} {path.relative_to(ROOT)}:{line}: {words}", flush=True)
+    result = "killed" if failed else "survived"
+    print(f"{result:9} {file}:{line}: {words}", flush=True)
     return result
 
 
@@ -123,27 +127,23 @@ def main() -> None:
     parser.add_argument("room", help="a folder or file of mocap_fit, such as tracks")
     for option, default in (("--count", 80), ("--seed", 0), ("--jobs", os.cpu_count())):
         parser.add_argument(option, type=int, default=default)
-    parser.add_argument("--tests", nargs="*", help="in place of tests/ROOM")
     options = parser.parse_args()
-    every = mutants(ROOT / "mocap_fit" / options.room)
+    every = list(mutants(ROOT / "mocap_fit" / options.room))
     drawn = random.Random(options.seed).sample(every, min(options.count, len(every)))
-    tests = options.tests or [f"tests/{options.room}"]
-    folders: Queue[Path] = Queue()
+    tests, folders = f"tests/{options.room.split('/')[0]}", Queue[Path]()
     with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(options.jobs) as workers:
         for job in range(options.jobs):
             folder = Path(name) / str(job)
             shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "__pycache__"))
-            if job == 0 and run_tests(folder, tests):
-                sys.exit("the tests fail before anything is changed")
-            (Path(name) / "0" / "numba").mkdir(exist_ok=True)
-            shutil.copytree(Path(name) / "0" / "numba", folder / "numba_before")
             folders.put(folder)
-        results = list(workers.map(lambda mutant: try_mutant(mutant, folders, tests), drawn))
+        begin = time.monotonic()
+        if run_tests(folder, [folder / tests]):
+            sys.exit("the tests fail before anything is changed")
+        limit = max(120.0, 10 * (time.monotonic() - begin))
+        results = list(workers.map(lambda mutant: try_mutant(mutant, folders, tests, limit), drawn))
     killed, of = results.count("killed"), len(results) - results.count("equivalent")
-    interval = binomtest(killed, max(1, of)).proportion_ci(method="wilson")
-    print(
-        f"{options.room}: {killed} of {of} killed, Wilson {interval.low:.3f} to {interval.high:.3f}"
-    )
+    low, high = binomtest(killed, max(1, of)).proportion_ci(method="wilson")
+    print(f"{options.room}: {killed} of {of} killed, Wilson {low:.3f} to {high:.3f}")
 
 
 if __name__ == "__main__":
