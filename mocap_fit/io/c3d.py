@@ -1,9 +1,7 @@
 """C3D files, through ezc3d: points with their residuals, units, and events.
 
-Names. Where all labels have the form ``Subject:label`` with one subject, the subject is left out of
-the names and noted in the provenance; otherwise labels stay as they are. A blank label becomes
-``unlabelled N``. Points that `POINT` lists as angles, forces, moments, powers or scalars are not
-positions and are left out.
+Names follow the rules of `mocap_fit.io.names`. Points that `POINT` lists as angles, forces,
+moments, powers or scalars are not positions and are left out.
 
 Gaps and origin. A negative residual is a gap. By the C3D convention a residual of 0 and no camera
 mean a point that was not measured; it becomes `Origin.FILLED`. But Qualisys writes 0 for all
@@ -27,6 +25,7 @@ from mocap_fit.errors import FileFormatError, MocapFitWarning, from_os_error
 from mocap_fit.io import finalise
 from mocap_fit.io.c3d_points import extract_points, read_first_frame, read_floats, read_with_ezc3d
 from mocap_fit.io.c3d_structure import check_structure, is_c3d
+from mocap_fit.io.names import name_tracks
 from mocap_fit.io.text import check_file, decode_line, read_head
 from mocap_fit.io.timing import check_rate
 from mocap_fit.tracks import Event, MarkerTracks
@@ -56,7 +55,12 @@ def sniff(path: str | os.PathLike[str]) -> bool:
 
 
 def read(
-    path: str | os.PathLike[str], *, names: Sequence[str] | None = None, rate: float | None = None
+    path: str | os.PathLike[str],
+    *,
+    names: Sequence[str] | None = None,
+    rate: float | None = None,
+    unit: str | None = None,
+    subject: str | None = None,
 ) -> MarkerTracks:
     """Read the points of a C3D file as markers.
 
@@ -68,6 +72,10 @@ def read(
         Names of the markers, in the order of the file; they replace those of the file.
     rate
         Frame rate, hertz; it replaces that of the file.
+    unit
+        Unit of length of the file, such as ``m``; it replaces that of the file.
+    subject
+        Subject whose tracks alone are read, where the names have subjects.
 
     Returns
     -------
@@ -102,24 +110,23 @@ def read(
         )
     labels = _read_labels(parameters, stored.shape[1])
     selected = _select_positions(parameters, labels, file)
-    file_names, subject = _split_subject([labels[index] for index in selected])
-    used_names = finalise.choose_names(file_names, names, path=file) or ()
+    used = name_tracks([labels[index] for index in selected], names, path=file, subject=subject)
     first = float(content["header"]["points"]["first_frame"])
     file_rate = float(_read_values(parameters, "POINT", "RATE", [np.nan])[0])
     used_rate = check_rate(file_rate if rate is None else rate, path=file)
-    unit = _read_unit(parameters, file)
+    unit = unit or _read_unit(parameters, file)
     scale = finalise.get_millimetres(unit, path=file)
     points = points.select(selected)
     return finalise.create_tracks(
         MarkerTracks,
         file,
         NAME,
-        used_names,
+        used,
         used_rate,
         {"positions": points.to_positions(scale), "origin": points.to_origin()},
         start_time=first / used_rate,
         events=_read_events(content, file),
-        arguments=finalise.list_arguments(used_names, names, rate, unit=unit, subject=subject),
+        arguments=finalise.list_arguments(used, rate, unit),
     )
 
 
@@ -151,8 +158,7 @@ def _to_text(value: object) -> str:
 
 def _read_labels(parameters: _Parameters, count: int) -> list[str]:
     labels = _read_texts(parameters, "POINT", "LABELS")[:count]
-    labels += [""] * (count - len(labels))
-    return [label or f"unlabelled {number}" for number, label in enumerate(labels, start=1)]
+    return labels + [""] * (count - len(labels))
 
 
 def _select_positions(parameters: _Parameters, labels: list[str], path: Path) -> list[int]:
@@ -172,15 +178,6 @@ def _select_positions(parameters: _Parameters, labels: list[str], path: Path) ->
             stacklevel=3,
         )
     return positions
-
-
-def _split_subject(labels: list[str]) -> tuple[list[str], str | None]:
-    """Return labels without the subject that they all share, and that subject."""
-    parts = [label.partition(":") for label in labels]
-    subjects = {subject for subject, colon, rest in parts if colon and rest}
-    if len(subjects) != 1 or not all(colon and rest for _, colon, rest in parts):
-        return labels, None
-    return [rest for _, _, rest in parts], subjects.pop()
 
 
 def _read_unit(parameters: _Parameters, path: Path) -> str:

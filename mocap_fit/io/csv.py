@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from mocap_fit.errors import FileFormatError
 from mocap_fit.io import finalise
 from mocap_fit.io.csv_titles import EXAMPLE, Titles, parse_titles
+from mocap_fit.io.names import name_tracks
 from mocap_fit.io.number_table import read_numbers
 from mocap_fit.io.text import TextFile, read_first_lines
 from mocap_fit.io.timing import determine_timing
@@ -52,7 +53,12 @@ def sniff(path: str | os.PathLike[str]) -> bool:
 
 
 def read(
-    path: str | os.PathLike[str], *, names: Sequence[str] | None = None, rate: float | None = None
+    path: str | os.PathLike[str],
+    *,
+    names: Sequence[str] | None = None,
+    rate: float | None = None,
+    unit: str | None = None,
+    subject: str | None = None,
 ) -> MarkerTracks:
     """Read the markers of a CSV file.
 
@@ -65,6 +71,10 @@ def read(
     rate
         Frame rate, hertz; it replaces that of the times. Required where there are no times, or
         only one frame.
+    unit
+        Unit of length of the file, such as ``m``; it replaces that of the file.
+    subject
+        Subject whose tracks alone are read, where the names have subjects.
 
     Returns
     -------
@@ -85,12 +95,11 @@ def read(
     """
     with TextFile(path) as text:
         titles, line = _read_titles(text)
-        used_names = finalise.choose_names(titles.names, names, path=text.path, line=line) or ()
-        scale = 1.0
-        if titles.unit is not None:
-            scale = finalise.get_millimetres(titles.unit, path=text.path, line=line)
+        used = name_tracks(titles.names, names, path=text.path, subject=subject, line=line)
+        unit = unit or titles.unit
+        scale = finalise.get_millimetres(unit or "mm", path=text.path, line=line)
         lead = ["frame"] * titles.frame + ["time"] * (titles.time_unit is not None)
-        columns = [*lead, *(f"{name} {axis}" for name in used_names for axis in "xyz")]
+        columns = [*lead, *(f"{name} {axis}" for name in used.labels for axis in "xyz")]
         first_line = text.number + 1
         block = text.read_rest().replace(b'"', b"")
         table = read_numbers(block, columns, titles.separator, first_line, text.path)
@@ -106,12 +115,12 @@ def read(
         MarkerTracks,
         text.path,
         NAME,
-        used_names,
+        used,
         used_rate,
         {"positions": table.to_positions(titles.lead) * scale},
         start_time=start_time,
-        arguments=finalise.list_arguments(used_names, names, rate, unit=titles.unit),
-        unit_is_known=titles.unit is not None,
+        arguments=finalise.list_arguments(used, rate, unit),
+        unit_is_known=unit is not None,
     )
 
 

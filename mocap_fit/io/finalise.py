@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.errors import DataError, FileFormatError, MocapFitWarning, add_path
+from mocap_fit.io.names import TrackNames
 from mocap_fit.tracks import Event, FloatArray, Tracks
 
 _MILLIMETRES = {
@@ -67,99 +68,32 @@ def get_millimetres(unit: str, *, path: Path, line: int | None = None) -> float:
         ) from None
 
 
-def choose_names(
-    file_names: Sequence[str] | None,
-    names: Sequence[str] | None,
-    *,
-    path: Path,
-    noun: str = "marker",
-    line: int | None = None,
-) -> tuple[str, ...] | None:
-    """Return the names of the caller, or else those of the file.
-
-    Parameters
-    ----------
-    file_names
-        Names in the file; None where it has none.
-    names
-        Names of the caller; None for those of the file.
-    path
-        File for messages.
-    noun
-        Word for a track in messages.
-    line
-        Line for messages.
-
-    Returns
-    -------
-    tuple of str or None
-        The names; None where there are none at all.
-
-    Raises
-    ------
-    FileFormatError
-        If the numbers of names differ, or a name is blank or occurs twice.
-    """
-    if names is not None and file_names is not None and len(names) != len(file_names):
-        raise FileFormatError(
-            f"the file has another number of {noun} names than were given",
-            path=path,
-            line=line,
-            found=f"{len(file_names)} in the file",
-            expected=f"{len(names)}, as given",
-            advice="Give a name for each, in the order of the file.",
-        )
-    chosen = file_names if names is None else names
-    if chosen is None:
-        return None
-    chosen = tuple(str(name).strip() for name in chosen)
-    positions: dict[str, int] = {}
-    for position, name in enumerate(chosen, start=1):
-        if not name:
-            advice = "Name it in the recording software and export again, or give the names."
-            raise FileFormatError(
-                f"{noun} {position} has no name", path=path, line=line, advice=advice
-            )
-        if name in positions:
-            raise FileFormatError(
-                f"two {noun} names are the same",
-                path=path,
-                line=line,
-                found=f"'{name}' as {noun} {positions[name]} and {position}",
-                expected="unique names",
-                advice="Rename one in the recording software and export again, or give the names.",
-            )
-        positions[name] = position
-    return chosen
-
-
 def list_arguments(
-    used_names: Sequence[str], names: Sequence[str] | None, rate: float | None, **others: str | None
+    used: TrackNames, rate: float | None = None, unit: str | None = None
 ) -> dict[str, Any]:
     """Return the arguments of a reader for the provenance.
 
     Parameters
     ----------
-    used_names
-        Names of the tracks.
-    names
-        Names of the caller; None for those of the file.
+    used
+        Names of the tracks: those of the caller are noted, and subject and doubled labels.
     rate
         Frame rate of the caller, hertz; None for that of the file.
-    **others
-        Further arguments by name; None is left out.
+    unit
+        Unit of length; None where nobody said it.
 
     Returns
     -------
     dict
-        What the caller set, and the others.
+        What the caller set, and what the file said.
     """
-    arguments: dict[str, Any] = {k: value for k, value in others.items() if value is not None}
-    if names is not None:
-        arguments["names"] = list(used_names)
-    if rate is not None:
-        arguments["rate"] = float(rate)
-    return arguments
+    return {
+        **({} if unit is None else {"unit": unit}),
+        **({} if used.subject is None else {"subject": used.subject}),
+        **({"renamed": dict(used.renamed)} if used.renamed else {}),
+        **({"names": list(used.names)} if used.from_caller else {}),
+        **({} if rate is None else {"rate": float(rate)}),
+    }
 
 
 def mark_zeros(positions: FloatArray) -> FloatArray:
@@ -182,7 +116,7 @@ def create_tracks(
     kind: type[_AnyTracks],
     path: Path,
     reader: str,
-    names: Sequence[str],
+    used: TrackNames,
     rate: float,
     arrays: Mapping[str, NDArray[Any]],
     *,
@@ -201,13 +135,13 @@ def create_tracks(
         File that was read.
     reader
         Name of the reader.
-    names
-        Names of the tracks.
+    used
+        Names of the tracks that are read.
     rate
         Frame rate, hertz.
     arrays
-        Arrays of the tracks by name, such as positions, ``(frames, markers, 3)``, millimetres;
-        NaN where missing.
+        Arrays of all tracks of the file by name, such as positions, ``(frames, markers, 3)``,
+        millimetres; NaN where missing.
     start_time
         Time of the first frame, seconds.
     events
@@ -232,13 +166,15 @@ def create_tracks(
     MocapFitWarning
         If the markers are so close to each other that the unit is probably not the millimetre.
     """
+    if used.columns != tuple(range(len(used.labels))):
+        arrays = {name: array[:, list(used.columns)] for name, array in arrays.items()}
     locations = arrays[kind.arrays[0].attribute]
     _check_locations(path, locations)
-    if not unit_is_known and len(names) >= 3:
+    if not unit_is_known and len(used.names) >= 3:
         _warn_of_unit(path, locations)
     try:
         tracks = kind(
-            tuple(names),
+            used.names,
             rate,
             start_time=start_time,
             name=path.stem,
@@ -286,7 +222,8 @@ def _warn_of_unit(path: Path, positions: FloatArray) -> None:
     if 0 < spread < _SMALLEST:
         warnings.warn(
             f"{path}: the markers are never farther apart than {spread:.3g} mm: are these "
-            "metres? The reader takes millimetres; scale the recording if they are not",
+            "metres? Millimetres are taken; if they are, give the unit (--unit m, or unit='m' in "
+            "Python)",
             MocapFitWarning,
             stacklevel=5,
         )

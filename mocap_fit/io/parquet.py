@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from mocap_fit.errors import FileFormatError, MocapFitError, add_path
 from mocap_fit.io import finalise
+from mocap_fit.io.names import TrackNames, name_tracks
 from mocap_fit.io.text import check_file, read_head
 from mocap_fit.io.timing import check_rate
-from mocap_fit.tracks import ParameterTracks, Tracks, storage
+from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks, PoseTracks, Tracks, storage
 
 NAME = "parquet"
 description = "Parquet file of mocap-fit"
@@ -40,11 +42,16 @@ def sniff(path: str | os.PathLike[str]) -> bool:
 
 
 def read(
-    path: str | os.PathLike[str], *, names: Sequence[str] | None = None, rate: float | None = None
+    path: str | os.PathLike[str],
+    *,
+    names: Sequence[str] | None = None,
+    rate: float | None = None,
+    unit: str | None = None,
+    subject: str | None = None,
 ) -> Tracks:
     """Read a file that `mocap_fit.tracks.write_parquet` wrote.
 
-    The provenance is that of the file; a step is added only where names or a rate are given.
+    The provenance is that of the file; a step is added only where an option is given.
 
     Parameters
     ----------
@@ -54,6 +61,10 @@ def read(
         Names of the tracks, in the order of the file; they replace those of the file.
     rate
         Frame rate, hertz; it replaces that of the file.
+    unit
+        Unit of length of the file, such as ``m``; it replaces that of the file.
+    subject
+        Subject whose tracks alone are read, where the names have subjects.
 
     Returns
     -------
@@ -86,16 +97,33 @@ def read(
         raise FileFormatError("the recording has no frames", path=path, expected="one or more")
     if not isinstance(tracks, ParameterTracks):
         finalise.check_visible(tracks, file)
+    if names is None and rate is None and unit is None and subject is None:
+        return tracks
     changes: dict[str, Any] = {}
-    if names is not None:
-        changes["names"] = finalise.choose_names(tracks.names, names, path=file, noun="track")
+    used = TrackNames(tracks.names, tracks.names, tuple(range(len(tracks.names))))
+    if names is not None or subject is not None:
+        used = name_tracks(tracks.names, names, path=file, subject=subject, noun=tracks.noun)
+        changes["names"] = used.names
+        if len(used.names) < len(tracks.names):
+            tracks = tracks.select([tracks.names[column] for column in used.columns])
     if rate is not None:
         changes["rate"] = check_rate(rate, path=file)
-    if not changes:
-        return tracks
+    if unit is not None:
+        changes |= _scale_lengths(tracks, finalise.get_millimetres(unit, path=file), file)
     tracks = tracks.replace(**changes)
-    arguments = finalise.list_arguments(tracks.names, names, rate)
+    arguments = finalise.list_arguments(used, rate, unit)
     return tracks.add_step("read", {"reader": NAME, "file": file.name, **arguments})
+
+
+def _scale_lengths(tracks: Tracks, scale: float, path: Path) -> dict[str, FloatArray]:
+    """Return the arrays of lengths, scaled."""
+    if isinstance(tracks, MarkerTracks):
+        return {"positions": tracks.positions * scale}
+    if isinstance(tracks, PoseTracks):
+        return {"translations": tracks.translations * scale, "residuals": tracks.residuals * scale}
+    raise FileFormatError(
+        f"{tracks.kind} have no unit of length", path=path, advice="Leave the unit out."
+    )
 
 
 def _create_damage_error(path: str | os.PathLike[str]) -> FileFormatError:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mocap_fit.errors import FileFormatError
-from mocap_fit.io import finalise
+from mocap_fit.io.names import TrackNames, name_tracks
 from mocap_fit.io.number_table import parse_number
 from mocap_fit.io.qualisys_header import Header
 
@@ -29,7 +29,7 @@ class Columns:
     ----------
     lead
         Columns before the first marker or body: ``frame``, ``time``, both or none.
-    names
+    tracks
         Names of the markers or bodies.
     titles
         Names of all columns in messages.
@@ -40,7 +40,7 @@ class Columns:
     """
 
     lead: tuple[str, ...]
-    names: tuple[str, ...]
+    tracks: TrackNames
     titles: tuple[str, ...]
     is_6dof: bool
     stride: int
@@ -61,7 +61,9 @@ class Columns:
         return self.lead.index(column) if column in self.lead else None
 
 
-def find_columns(header: Header, names: Sequence[str] | None) -> Columns:
+def find_columns(
+    header: Header, names: Sequence[str] | None, subject: str | None = None
+) -> Columns:
     """Determine the columns of an export from its header.
 
     Parameters
@@ -70,6 +72,8 @@ def find_columns(header: Header, names: Sequence[str] | None) -> Columns:
         Header of the file, with its first row.
     names
         Names of the caller, in place of those of the file.
+    subject
+        Subject of the caller, whose markers alone are read.
 
     Returns
     -------
@@ -85,8 +89,8 @@ def find_columns(header: Header, names: Sequence[str] | None) -> Columns:
     is_6dof = _is_6dof(header, names)
     noun, keyword = ("body", "BODY_NAMES") if is_6dof else ("marker", "MARKER_NAMES")
     file_names, line = _find_names(header, is_6dof), header.lines.get(keyword)
-    chosen = finalise.choose_names(file_names, names, path=header.path, noun=noun, line=line)
-    if chosen is None:
+    labels = names if file_names is None else file_names
+    if labels is None:
         raise FileFormatError(
             f"the file has no {noun} names: its header was switched off in the export",
             path=header.path,
@@ -94,8 +98,9 @@ def find_columns(header: Header, names: Sequence[str] | None) -> Columns:
             advice="Give the names in the order of the columns (names=[...]) and the rate "
             "(rate=..., in hertz), or export again with the header.",
         )
-    _check_count(header, len(chosen), is_6dof)
-    return _locate_bodies(header, chosen) if is_6dof else _locate_markers(header, chosen)
+    tracks = name_tracks(labels, names, path=header.path, subject=subject, noun=noun, line=line)
+    _check_count(header, len(tracks.labels), is_6dof)
+    return _locate_bodies(header, tracks) if is_6dof else _locate_markers(header, tracks)
 
 
 def _check_data_included(header: Header) -> None:
@@ -190,7 +195,8 @@ def _find_lead(header: Header, width: int = 0) -> tuple[str, ...]:
     return ()
 
 
-def _locate_markers(header: Header, names: tuple[str, ...]) -> Columns:
+def _locate_markers(header: Header, tracks: TrackNames) -> Columns:
+    names = tracks.labels
     lead = _find_lead(header, 3 * len(names))
     columns = (*lead, *(f"{name} {axis}" for name in names for axis in "XYZ"))
     if header.titles is not None and len(header.titles) != len(columns):
@@ -202,10 +208,11 @@ def _locate_markers(header: Header, names: tuple[str, ...]) -> Columns:
             expected=f"{len(columns)} for {len(names)} markers",
             advice=_DAMAGED,
         )
-    return Columns(lead, names, columns, False, 3)
+    return Columns(lead, tracks, columns, False, 3)
 
 
-def _locate_bodies(header: Header, names: tuple[str, ...]) -> Columns:
+def _locate_bodies(header: Header, tracks: TrackNames) -> Columns:
+    names = tracks.labels
     size, count, cells = len(BODY_COLUMNS), len(names), len(header.first_row)
     lead = _find_lead(header)
     # Blank columns stand between the bodies, and perhaps after the last.
@@ -230,4 +237,4 @@ def _locate_bodies(header: Header, names: tuple[str, ...]) -> Columns:
         columns += [f"{name} {column}" for column in BODY_COLUMNS]
         if stride > size and body < count - 1:
             columns.append(f"the blank column after {name}")
-    return Columns(lead, names, tuple(columns), True, stride)
+    return Columns(lead, tracks, tuple(columns), True, stride)

@@ -47,7 +47,7 @@ def extract_poses(table: NumberTable, columns: Columns, path: Path) -> dict[str,
     FileFormatError
         If a matrix is not a right-handed rotation.
     """
-    starts = len(columns.lead) + columns.stride * np.arange(len(columns.names))
+    starts = len(columns.lead) + columns.stride * np.arange(len(columns.tracks.labels))
     cells = table.values[:, starts[:, None] + np.arange(len(BODY_COLUMNS))]
     translations = cells[:, :, 0:3].copy()
     residuals = cells[:, :, 6].copy()
@@ -70,7 +70,7 @@ def extract_poses(table: NumberTable, columns: Columns, path: Path) -> dict[str,
         if wrong.any():
             row, body = (int(index) for index in np.argwhere(visible)[int(np.argmax(wrong))])
             raise FileFormatError(
-                f"the matrix of {columns.names[body]} is not a rotation",
+                f"the matrix of {columns.tracks.labels[body]} is not a rotation",
                 path=path,
                 line=int(table.lines[row]),
                 expected="orthonormal columns and a determinant of 1",

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -72,7 +72,12 @@ def sniff(path: str | os.PathLike[str]) -> bool:
 
 
 def read(
-    path: str | os.PathLike[str], *, names: Sequence[str] | None = None, rate: float | None = None
+    path: str | os.PathLike[str],
+    *,
+    names: Sequence[str] | None = None,
+    rate: float | None = None,
+    unit: str | None = None,
+    subject: str | None = None,
 ) -> MarkerTracks | PoseTracks:
     """Read a 3D export as markers, or a 6DOF export as poses.
 
@@ -86,6 +91,10 @@ def read(
     rate
         Frame rate, hertz; it replaces that of the file. Required where the file has neither a
         header nor times.
+    unit
+        Unit of length of the file, such as ``m``; it replaces that of the file.
+    subject
+        Subject whose tracks alone are read, where the names have subjects.
 
     Returns
     -------
@@ -113,7 +122,7 @@ def read(
                 line=max(text.number, 1),
                 advice="Export or copy the recording again.",
             )
-        columns = find_columns(header, names)
+        columns = find_columns(header, names, subject)
         block, rows = text.read_rest(), header.get_count("NO_OF_FRAMES")
         first_line = header.first_row_line
         table = read_numbers(block, columns.titles, "\t", first_line, text.path, rows)
@@ -126,25 +135,28 @@ def read(
         line=header.lines.get("FREQUENCY"),
     )
     kind: type[MarkerTracks | PoseTracks] = MarkerTracks
-    arrays: Mapping[str, NDArray[Any]]
+    arrays: dict[str, NDArray[Any]]
+    scale = finalise.get_millimetres(unit or "mm", path=text.path)
     if columns.is_6dof:
         kind, arrays = PoseTracks, extract_poses(table, columns, text.path)
+        for name in ("translations", "residuals"):
+            arrays[name] *= scale
     else:
-        positions = finalise.mark_zeros(table.to_positions(len(columns.lead)))
+        positions = finalise.mark_zeros(table.to_positions(len(columns.lead))) * scale
         gaps = np.isnan(positions).any(axis=2)
-        origin = np.where(gaps, Origin.MISSING, _read_origins(header, len(columns.names)))
+        origin = np.where(gaps, Origin.MISSING, _read_origins(header, len(columns.tracks.labels)))
         arrays = {"positions": positions, "origin": origin.astype(np.uint8)}
     return finalise.create_tracks(
         kind,
         text.path,
         NAME,
-        columns.names,
+        columns.tracks,
         used_rate,
         arrays,
         start_time=start_time,
         events=read_events(header, used_rate),
-        arguments=finalise.list_arguments(columns.names, names, rate),
-        unit_is_known=columns.is_6dof,
+        arguments=finalise.list_arguments(columns.tracks, rate, unit),
+        unit_is_known=columns.is_6dof or unit is not None,
     )
 
 

@@ -6,11 +6,14 @@ an entry point in the group ``mocap_fit.readers``; its name is the name of the f
 
 from __future__ import annotations
 
+import inspect
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from mocap_fit.errors import DataError, MocapFitError, from_os_error
+from mocap_fit.errors import DataError, MocapFitError, RegistryError, from_os_error
+from mocap_fit.io.names import rename_tracks
 from mocap_fit.io.text import check_file
 from mocap_fit.registry import Registry
 from mocap_fit.tracks import MarkerTracks, PoseTracks, Tracks
@@ -57,8 +60,12 @@ class Reader(Protocol):
         *,
         names: Sequence[str] | None = None,
         rate: float | None = None,
+        unit: str | None = None,
+        subject: str | None = None,
     ) -> Tracks:
         """Read a file.
+
+        Only what a caller sets is passed on: a reader may lack any of these options.
 
         Parameters
         ----------
@@ -68,6 +75,10 @@ class Reader(Protocol):
             Names of the tracks, in the order of the file; they replace those of the file.
         rate
             Frame rate, hertz; it replaces that of the file.
+        unit
+            Unit of length, such as ``m``; it replaces that of the file.
+        subject
+            Subject whose tracks alone are read, where the names have subjects.
 
         Returns
         -------
@@ -119,6 +130,9 @@ def read(
     reader: str | None = None,
     names: Sequence[str] | None = None,
     rate: float | None = None,
+    unit: str | None = None,
+    subject: str | None = None,
+    rename: Mapping[str, str] | None = None,
 ) -> Tracks:
     """Read a recording of any known format.
 
@@ -132,6 +146,12 @@ def read(
         Names of the tracks, in the order of the file; they replace those of the file.
     rate
         Frame rate, hertz; it replaces that of the file.
+    unit
+        Unit of length, such as ``mm``, ``cm`` or ``m``; it replaces that of the file.
+    subject
+        Subject whose tracks alone are read, where a file names several (``Ann:chin``).
+    rename
+        New names of tracks by those that the file gives them.
 
     Returns
     -------
@@ -153,13 +173,17 @@ def read(
     file = check_file(path)
     name = find_reader(file) if reader is None else reader
     source: Reader = READERS.get(name)
+    options: dict[str, Any] = {"names": names, "rate": rate, "unit": unit, "subject": subject}
+    options = {option: value for option, value in options.items() if value is not None}
+    _check_options(name, source, options, file)
     try:
         with READERS.guard(name, file):
-            return source.read(file, names=names, rate=rate)
+            tracks = source.read(file, **options)
     except MocapFitError:
         raise
     except OSError as error:
         raise from_os_error(error, path) from None
+    return tracks if rename is None else rename_tracks(tracks, rename, path=file)
 
 
 def read_tracks(
@@ -168,6 +192,9 @@ def read_tracks(
     reader: str | None = None,
     names: Sequence[str] | None = None,
     rate: float | None = None,
+    unit: str | None = None,
+    subject: str | None = None,
+    rename: Mapping[str, str] | None = None,
 ) -> MarkerTracks:
     """Read the markers of a recording.
 
@@ -187,6 +214,12 @@ def read_tracks(
         where the file has none.
     rate
         Frame rate, hertz; it replaces that of the file. Required where the file has none.
+    unit
+        Unit of length, such as ``mm``, ``cm`` or ``m``; it replaces that of the file.
+    subject
+        Subject whose tracks alone are read, where a file names several (``Ann:chin``).
+    rename
+        New names of tracks by those that the file gives them.
 
     Returns
     -------
@@ -232,7 +265,14 @@ def read_tracks(
     >>> float(tracks.visible.mean().round(2))
     0.97
     """
-    return _read_kind(path, MarkerTracks, reader, names, rate)
+    options: dict[str, Any] = {
+        "names": names,
+        "rate": rate,
+        "unit": unit,
+        "subject": subject,
+        "rename": rename,
+    }
+    return _check_kind(read(path, reader=reader, **options), MarkerTracks, path)
 
 
 def read_poses(
@@ -241,6 +281,9 @@ def read_poses(
     reader: str | None = None,
     names: Sequence[str] | None = None,
     rate: float | None = None,
+    unit: str | None = None,
+    subject: str | None = None,
+    rename: Mapping[str, str] | None = None,
 ) -> PoseTracks:
     """Read the poses of rigid bodies.
 
@@ -254,6 +297,12 @@ def read_poses(
         Names of the bodies, in the order of the file; they replace those of the file.
     rate
         Frame rate, hertz; it replaces that of the file.
+    unit
+        Unit of length, such as ``mm``, ``cm`` or ``m``; it replaces that of the file.
+    subject
+        Subject whose tracks alone are read, where a file names several (``Ann:chin``).
+    rename
+        New names of tracks by those that the file gives them.
 
     Returns
     -------
@@ -269,16 +318,25 @@ def read_poses(
     DataError
         If it does not hold poses.
     """
-    return _read_kind(path, PoseTracks, reader, names, rate)
+    options: dict[str, Any] = {
+        "names": names,
+        "rate": rate,
+        "unit": unit,
+        "subject": subject,
+        "rename": rename,
+    }
+    return _check_kind(read(path, reader=reader, **options), PoseTracks, path)
 
 
-def describe(path: str | os.PathLike[str]) -> dict[str, Any]:
+def describe(path: str | os.PathLike[str], **options: Any) -> dict[str, Any]:
     """Describe the content of a recording by values that JSON can hold.
 
     Parameters
     ----------
     path
         File to read.
+    **options
+        Options of `read`.
 
     Returns
     -------
@@ -297,19 +355,28 @@ def describe(path: str | os.PathLike[str]) -> dict[str, Any]:
         If the file cannot be read.
     """
     name = find_reader(path)
-    tracks = read(path, reader=name)
+    tracks = read(path, reader=name, **options)
     about = {"file": os.fspath(path), "format": name, "description": READERS.get(name).description}
     return about | tracks.describe()
 
 
-def _read_kind(
-    path: str | os.PathLike[str],
-    kind: type[_Kind],
-    reader: str | None,
-    names: Sequence[str] | None,
-    rate: float | None,
-) -> _Kind:
-    tracks = read(path, reader=reader, names=names, rate=rate)
+def _check_options(name: str, source: Reader, options: Mapping[str, Any], path: Path) -> None:
+    """Refuse an option that a reader of another distribution does not have."""
+    parameters = inspect.signature(source.read).parameters
+    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values()):
+        return
+    for option in options:
+        if option not in parameters:
+            raise RegistryError(
+                f"the reader '{name}' of {READERS.get_distribution(name)} cannot take {option}",
+                path=path,
+                found=f"{option}={options[option]!r}",
+                expected=f"none but {', '.join(list(parameters)[1:])}",
+                advice="Leave the option out, or convert the recording to another format.",
+            )
+
+
+def _check_kind(tracks: Tracks, kind: type[_Kind], path: str | os.PathLike[str]) -> _Kind:
     if isinstance(tracks, kind):
         return tracks
     raise DataError(

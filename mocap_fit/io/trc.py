@@ -16,6 +16,7 @@ from collections.abc import Sequence
 
 from mocap_fit.errors import FileFormatError
 from mocap_fit.io import finalise
+from mocap_fit.io.names import name_tracks
 from mocap_fit.io.number_table import parse_number, read_numbers
 from mocap_fit.io.qualisys_header import is_title_row
 from mocap_fit.io.text import TextFile, read_first_lines
@@ -47,7 +48,12 @@ def sniff(path: str | os.PathLike[str]) -> bool:
 
 
 def read(
-    path: str | os.PathLike[str], *, names: Sequence[str] | None = None, rate: float | None = None
+    path: str | os.PathLike[str],
+    *,
+    names: Sequence[str] | None = None,
+    rate: float | None = None,
+    unit: str | None = None,
+    subject: str | None = None,
 ) -> MarkerTracks:
     """Read the markers of a TRC file.
 
@@ -59,6 +65,10 @@ def read(
         Names of the markers, in the order of the file; they replace those of the file.
     rate
         Frame rate, hertz; it replaces that of the file.
+    unit
+        Unit of length of the file, such as ``m``; it replaces that of the file.
+    subject
+        Subject whose tracks alone are read, where the names have subjects.
 
     Returns
     -------
@@ -87,26 +97,27 @@ def read(
                 found=f"{announced} and {len(file_names)} names",
                 advice=_AGAIN,
             )
-        used_names = finalise.choose_names(file_names, names, path=text.path, line=4) or ()
-        columns = ["frame", "time", *(f"{name} {axis}" for name in used_names for axis in "XYZ")]
+        used = name_tracks(file_names, names, path=text.path, subject=subject, line=4)
+        columns = ["frame", "time", *(f"{name} {axis}" for name in used.labels for axis in "XYZ")]
         expected_rows, first_line = _parse_count(text, values, "NumFrames"), text.number + 1
         table = read_numbers(text.read_rest(), columns, "\t", first_line, text.path, expected_rows)
-    if "units" not in values:
+    unit = unit or values.get("units")
+    if unit is None:
         raise FileFormatError(
             "the header has no Units", path=text.path, line=2, expected="mm or m", advice=_AGAIN
         )
-    scale = finalise.get_millimetres(values["units"], path=text.path, line=3)
+    scale = finalise.get_millimetres(unit, path=text.path, line=3)
     file_rate = _parse_rate(text, values) if rate is None else None
     used_rate, start_time = determine_timing(table, frame=0, time=1, rate=rate, file_rate=file_rate)
     return finalise.create_tracks(
         MarkerTracks,
         text.path,
         NAME,
-        used_names,
+        used,
         used_rate,
         {"positions": finalise.mark_zeros(table.to_positions(2)) * scale},
         start_time=start_time,
-        arguments=finalise.list_arguments(used_names, names, rate, unit=values["units"]),
+        arguments=finalise.list_arguments(used, rate, unit),
     )
 
 

@@ -34,7 +34,7 @@ def test_a_zero_residual_without_cameras_is_filled(recordings: Path) -> None:
 
 
 def test_residuals_that_are_all_zero_say_nothing(recordings: Path) -> None:
-    tracks = read_tracks(recordings / "two_subjects.c3d")
+    tracks = read_tracks(recordings / "two_subjects.c3d", subject="Bo")
     assert set(np.unique(tracks.origin)) == {Origin.MISSING, Origin.MEASURED}
 
 
@@ -74,10 +74,12 @@ def test_one_subject_is_left_out_of_the_names(recordings: Path, made: ModuleType
     assert tracks.provenance[0].arguments["subject"] == "Anna"
 
 
-def test_two_subjects_stay(recordings: Path) -> None:
-    tracks = read_tracks(recordings / "two_subjects.c3d")
-    assert tracks.names[:2] == ("Anna:chin", "Bo:chin")
-    assert "subject" not in tracks.provenance[0].arguments
+def test_one_of_two_subjects_is_read(recordings: Path) -> None:
+    with pytest.raises(FileFormatError, match=r"'chin' of Anna and of Bo.*--subject Bo"):
+        read_tracks(recordings / "two_subjects.c3d")
+    tracks = read_tracks(recordings / "two_subjects.c3d", subject="Bo")
+    assert tracks.names == ("chin", "nose", "brow", "ear")
+    assert tracks.provenance[0].arguments["subject"] == "Bo"
 
 
 def test_more_labels_than_one_parameter_holds(recordings: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 import mocap_fit as mf
 from mocap_fit.errors import DataError, FileFormatError, MissingRateError
 from mocap_fit.io import finalise
+from mocap_fit.io.names import name_tracks
 from mocap_fit.io.number_table import NumberTable
 from mocap_fit.io.timing import determine_timing
 from mocap_fit.tracks import MarkerTracks, ParameterTracks
@@ -37,8 +38,9 @@ def test_an_unknown_unit_is_refused() -> None:
 def create(positions: Sequence[object], unit_is_known: bool = False) -> MarkerTracks:
     array = np.array(positions, dtype=float)
     names = [f"m{i}" for i in range(array.shape[1])]
+    used = name_tracks(names, path=FILE)
     return finalise.create_tracks(
-        MarkerTracks, FILE, "csv", names, 50, {"positions": array}, unit_is_known=unit_is_known
+        MarkerTracks, FILE, "csv", used, 50, {"positions": array}, unit_is_known=unit_is_known
     )
 
 
@@ -79,9 +81,9 @@ def test_gaps_alone_are_refused() -> None:
 
 
 def test_the_step_says_what_the_caller_said() -> None:
-    arguments = finalise.list_arguments(["a"], ["a"], 50, unit="m", subject=None)
+    arguments = finalise.list_arguments(name_tracks(["b"], ["a"], path=FILE), 50, "m")
     assert arguments == {"names": ["a"], "rate": 50.0, "unit": "m"}
-    assert finalise.list_arguments(["a"], None, None) == {}
+    assert finalise.list_arguments(name_tracks(["a"], path=FILE)) == {}
 
 
 def times(values: Sequence[float], decimals: int = 3) -> NumberTable:

@@ -56,6 +56,11 @@ def test_a_reader_of_another_distribution_reads(install: Install, export: Path) 
     )
     again = mf.read_tracks(export, names=["a", "b"], rate=25)
     assert (again.names, again.rate) == (("a", "b"), 25.0)
+    for option in ({"unit": "m"}, {"subject": "Ann"}):
+        words = rf"take.mylab: the reader 'mylab' of mylab-reader cannot take {next(iter(option))}"
+        with pytest.raises(RegistryError, match=words):
+            mf.read_tracks(export, **option)
+    assert mf.read_tracks(export, rename={"chin": "jaw"}).names == ("nose", "jaw")
     renamed = export.rename(export.with_name("take.dat"))
     assert mf.read_tracks(renamed).frames == 2
     assert io.READERS.get_distribution("mylab") == "mylab-reader"

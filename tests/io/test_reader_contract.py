@@ -13,6 +13,7 @@ from mocap_fit.errors import (
     DataError,
     FileFormatError,
     MocapFitError,
+    MocapFitWarning,
     RegistryError,
 )
 from mocap_fit.io import READERS
@@ -24,6 +25,7 @@ OWN = ("c3d", "csv", "parquet", "qualisys-tsv", "trc")
 SAID = {
     "qualisys_3d_no_header.tsv": {"names": ["a", "b", "c", "d", "e"], "rate": 100.0},
     "timeless.csv": {"rate": 100.0},
+    "two_subjects.c3d": {"subject": "Bo"},
 }
 
 RECORDINGS = {
@@ -165,7 +167,42 @@ def test_an_impossible_rate_of_the_caller_is_refused(
 @every_recording
 def test_a_wrong_number_of_names_is_refused(reader: str, name: str, recordings: Path) -> None:
     with pytest.raises(MocapFitError, match=name):
-        quiet_read(recordings / name, names=["one", "two", "three", "four"])
+        quiet_read(recordings / name, names=["one", "two", "three"])
+
+
+@every_recording
+def test_the_unit_of_the_caller_wins(reader: str, name: str, recordings: Path) -> None:
+    if name == "parameters.parquet":
+        with pytest.raises(FileFormatError, match="parameters have no unit of length"):
+            quiet_read(recordings / name, unit="m")
+        return
+    millimetres, metres = (quiet_read(recordings / name, unit=unit) for unit in ("mm", "m"))
+    np.testing.assert_allclose(metres.main_array, 1000 * millimetres.main_array, rtol=1e-12)
+    assert metres.provenance[-1].arguments["unit"] == "m"
+    with pytest.raises(FileFormatError, match=f"{name}.*the unit of length is not known.*'ell'"):
+        quiet_read(recordings / name, unit="ell")
+
+
+@every_recording
+def test_a_subject_that_no_name_has_is_warned_of(reader: str, name: str, recordings: Path) -> None:
+    if "subject" in name:
+        with pytest.raises(FileFormatError, match=f"{name}: the file has no such subject"):
+            quiet_read(recordings / name, subject="Ann")
+        return
+    with pytest.warns(MocapFitWarning, match=f"{name}: no .* name has a subject"):
+        io.read(recordings / name, **{**SAID.get(name, {}), "subject": "Ann"})  # type: ignore[arg-type]
+
+
+@every_recording
+def test_tracks_are_renamed(reader: str, name: str, recordings: Path) -> None:
+    tracks = quiet_read(recordings / name)
+    first = tracks.names[0]
+    renamed = quiet_read(recordings / name, rename={first: "another"})
+    assert renamed.names == ("another", *tracks.names[1:])
+    np.testing.assert_array_equal(renamed.main_array, tracks.main_array)
+    assert renamed.provenance[-1].arguments == {"names": {first: "another"}}
+    with pytest.raises(DataError, match=f"{name}: there is no .* 'absent' to rename .found"):
+        quiet_read(recordings / name, rename={"absent": "another"})
 
 
 @every_recording
