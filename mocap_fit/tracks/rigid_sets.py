@@ -193,7 +193,7 @@ class _Candidates:
         if not np.isfinite(costs[best[0]]):
             raise DataError(
                 "no three markers can be reference markers",
-                found="all markers lie on a line",
+                found="those that are seen together lie on a line",
                 expected="markers that span a plane",
             )
         grown = [self._grow_set(triple, size) for triple in triples[best]]
@@ -222,9 +222,10 @@ def _measure_distance_changes(positions: FloatArray) -> FloatArray:
         distances = np.linalg.norm(positions[:, k + 1 :] - positions[:, k : k + 1], axis=2)
         usable = (~np.isnan(distances)).sum(axis=0) >= 5
         row = np.full(markers - k - 1, np.inf)
-        # From the 5th to the 95th percentile, in standard deviations of Gaussian noise.
-        low, high = np.nanquantile(distances[:, usable], (0.05, 0.95), axis=0)
-        row[usable] = (high - low) / 3.29
+        if usable.any():
+            # From the 5th to the 95th percentile, in standard deviations of Gaussian noise.
+            low, high = np.nanquantile(distances[:, usable], (0.05, 0.95), axis=0)
+            row[usable] = (high - low) / 3.29
         changes[k, k + 1 :] = changes[k + 1 :, k] = row
     return changes
 

@@ -199,3 +199,28 @@ def test_the_nearest_rotation_is_that_of_the_polar_decomposition(rng):
         np.testing.assert_allclose(result[k], polar(matrices[k])[0], atol=1e-12)
     mirror = project_to_rotations(np.diag([1.0, 0.9, -0.5]))
     np.testing.assert_allclose(mirror, np.eye(3), atol=1e-12)
+
+
+def test_the_scale_of_weights_does_not_matter(rng):
+    source = rng.normal(size=(6, 3)) * 50
+    target = source + rng.normal(size=(2, 6, 3))
+    weights = rng.uniform(0.2, 1, size=6)
+    expected = estimate_rigid_transforms(source, target, weights)
+    for scale in (1e-3, 0.1, 30.0):
+        for one, other in zip(
+            estimate_rigid_transforms(source, target, scale * weights), expected, strict=True
+        ):
+            np.testing.assert_allclose(one, other, atol=1e-9)
+        np.testing.assert_allclose(
+            compute_spread(source, scale * weights), compute_spread(source, weights)
+        )
+
+
+def test_a_target_on_a_line_is_refused_with_its_extent():
+    """Four points at 0 to 30 mm have a root mean square of 11.18 mm from their middle."""
+    line = np.outer(np.arange(4.0), [10.0, 0, 0])
+    square = np.array([[0.0, 0, 0], [10, 0, 0], [10, 10, 0], [0, 10, 0]])
+    with pytest.raises(DataError, match=r"on a line: 11\.18 mm long, only 0 mm wide"):
+        estimate_rigid_transform(square, line)
+    with pytest.raises(DataError, match=r"on a line: 11\.18 mm long, only 0\.08944 mm wide"):
+        estimate_rigid_transform(line + [[0, 0.1, 0], [0, -0.1, 0]] * 2, square)

@@ -6,8 +6,10 @@ from scipy.spatial.transform import Rotation
 
 from mocap_fit.errors import DataError
 from mocap_fit.tracks import MarkerTracks
-from mocap_fit.tracks.rigid import apply_transforms, estimate_rigid_transforms
+from mocap_fit.tracks.rigid import apply_transforms, compute_spread, estimate_rigid_transforms
 from mocap_fit.tracks.rigid_sets import (
+    _average_shape,
+    _Candidates,
     _measure_distance_changes,
     compute_mean_shape,
     compute_median,
@@ -169,3 +171,70 @@ def test_every_frame_of_a_short_recording_counts(rng):
     two = moving(rng, frames=2)
     two[0, 1] = np.nan
     np.testing.assert_allclose(pdist(compute_typical_shape(two)), pdist(SHAPE), atol=1e-6)
+
+
+def test_the_cost_of_a_set_is_its_change_times_how_narrow_it_is(rng):
+    """Root mean square of the changes; sets of less than half the width of all cost more."""
+    positions = recording(rng).positions
+    candidates = _Candidates(positions)
+    spreads = [compute_spread(candidates.shape[list(chosen)])[1] for chosen in (range(3), range(5))]
+    reach = compute_spread(candidates.shape)[1]
+    for chosen, width in zip(([0, 1, 2], [0, 1, 2, 3, 4]), spreads, strict=True):
+        changes = candidates.changes[np.ix_(chosen, chosen)][np.triu_indices(len(chosen), 1)]
+        expected = np.sqrt(np.mean(changes**2)) * max(1.0, 0.5 * reach / width)
+        assert candidates.cost(np.array([chosen]))[0] == pytest.approx(expected)
+    # A tenth of a millimetre is narrow too, and a line is no set.
+    tiny = np.array([[0.0, 0, 0], [0.3, 0, 0], [0, 0.1, 0], [0.6, 0, 0], [40, 80, 9]])
+    candidates = _Candidates(tiny + 0.01 * rng.normal(size=(200, 5, 3)))
+    candidates.shape = tiny
+    width = compute_spread(tiny[:3])[1]
+    changes = candidates.changes[[0, 0, 1], [1, 2, 2]]
+    expected = np.sqrt(np.mean(changes**2)) * 0.5 * candidates.reach / width
+    costs = candidates.cost(np.array([[0, 1, 2], [0, 1, 3]]))
+    assert costs.tolist() == [pytest.approx(expected), np.inf]
+
+
+def test_a_marker_that_the_fullest_frame_lacks_stands_at_its_mean_offset():
+    """Of two that are never seen together, each pulls the centre by its part of the rest."""
+    shape = np.concatenate([SHAPE, [[0.0, 60, 0]]])
+    positions = np.arange(6.0)[:, None, None] * [5, 0, -3] + shape
+    positions[:3, 1], positions[3:, 5] = np.nan, np.nan
+    expected = shape.copy()
+    expected[1] += (shape[5] - shape[1]) / 5
+    np.testing.assert_allclose(_average_shape(positions), expected, atol=1e-9)
+
+
+def test_a_distance_that_is_measured_four_times_is_unknown(rng):
+    positions = recording(rng, frames=60).positions.copy()
+    positions[4:, 0], positions[5:, 1] = np.nan, np.nan
+    changes = _measure_distance_changes(positions)
+    assert np.isinf(changes[0, 1:]).all()
+    assert np.isfinite(np.delete(changes[1], 0)).all()
+
+
+def test_markers_that_are_never_seen_together_are_no_reference():
+    """The first is seen in the first half, the others in the second one."""
+    positions = np.tile(SHAPE[:4], (20, 1, 1))
+    positions[10:, 0], positions[:10, 1:] = np.nan, np.nan
+    tracks = MarkerTracks(("a", "b", "c", "d"), 60, positions)
+    assert find_reference_markers(tracks, 3) == ("b", "c", "d")
+    with pytest.raises(DataError, match="seen together lie on a line"):
+        find_reference_markers(tracks.select(["a", "b", "c"]))
+
+
+@pytest.mark.parametrize(
+    ("compute", "frames"), [(compute_mean_shape, 2000), (compute_typical_shape, 800)]
+)
+def test_of_long_recordings_every_second_frame_has_a_say(rng, compute, frames):
+    """A shape has a thousand frames, or four hundred where some markers are missing."""
+    positions = moving(rng, frames=frames)
+    positions[1::2] += 30 * rng.normal(size=(frames // 2, 5, 3))
+    np.testing.assert_allclose(pdist(compute(positions)), pdist(SHAPE), atol=1e-6)
+
+
+def test_reference_markers_are_sought_in_a_thousand_frames(rng):
+    tracks = recording(rng, frames=2000)
+    positions = tracks.positions.copy()
+    positions[1::2] += 30 * rng.normal(size=(1000, len(tracks.names), 3))
+    chosen = find_reference_markers(tracks.replace(positions=positions), 5)
+    assert chosen == tuple(name for name in tracks.names if name.startswith("h"))

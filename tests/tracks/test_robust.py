@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 from mocap_fit.errors import DataError
 from mocap_fit.tracks.rigid import estimate_rigid_transforms
 from mocap_fit.tracks.robust import (
+    _estimate_noise,
     _measure_noise,
     compute_pose_information,
     estimate_robust_transforms,
@@ -282,3 +283,63 @@ def test_the_noise_is_that_of_the_median_of_chi_squared():
     residuals = np.full(7, np.sqrt(stats.chi2.median(9) / 5))
     assert _measure_noise(residuals, np.ones((7, 5))) == pytest.approx(1.0, rel=2e-3)
     assert np.isnan(_measure_noise(residuals, np.ones((7, 2))))
+
+
+def test_noise_in_stretches_counts_for_twice_that_of_the_median(rng):
+    """However wild a sixth of the frames is; a tenth of noise by half raises the ninth decile."""
+    _, _, target = moving(rng)
+    wild = target.copy()
+    wild[300:550] += 5 * rng.normal(size=(250, 5, 3))
+    points = np.ones(5)
+    variance, freedom = _estimate_noise(SHAPE, wild, points)
+    # Frames that are wild make the median a little larger: it is their 60th percentile.
+    median = _estimate_noise(SHAPE, wild[np.r_[0:300, 550:1500]], points)[0]
+    assert variance == pytest.approx(4 * median, rel=0.3)
+    assert 4.0 < variance / median < 4.9
+    assert median == pytest.approx(0.1**2, rel=0.06)
+    # Every frame without one of its points leaves three times four coordinates beside a pose.
+    assert freedom == 1500 * (3 * 4 - 6)
+
+
+def test_noise_is_estimated_from_every_second_of_more_than_two_thousand_frames(rng):
+    _, _, target = moving(rng, frames=2001)
+    target[1::2] += 5 * rng.normal(size=(1000, 5, 3))
+    variance, freedom = _estimate_noise(SHAPE, target, np.ones(5))
+    assert variance == pytest.approx(0.1**2, rel=0.06)
+    assert freedom == 1001 * 6
+
+
+def test_noise_is_that_of_the_commonest_set_of_four_or_more(rng):
+    _, _, target = moving(rng, frames=900)
+    target[:500, 4] = np.nan
+    target[:, 4] += 40 * rng.normal(size=(900, 3))
+    target[500:600, 3] = np.nan
+    assert _estimate_noise(SHAPE, target, np.ones(5))[1] == 500 * (3 * 3 - 6)
+    target[:, :2] = np.nan
+    assert np.isnan(_estimate_noise(SHAPE, target, np.ones(5))[0])
+
+
+def explain(angle, slip):
+    """Squares without each point of a square, of which the second slipped out of the plane."""
+    target = SQUARE.copy()
+    target[1] += slip * np.array([np.sin(angle) * np.sqrt(0.5), np.sin(angle) / 2, np.cos(angle)])
+    rest = [np.delete(np.arange(4), k) for k in range(4)]
+    return target, sorted(
+        3 * estimate_rigid_transforms(SQUARE[k], target[None, k])[2][0] ** 2 for k in rest
+    )
+
+
+SQUARE = np.array([[-60.0, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0]])
+
+
+@pytest.mark.parametrize("part", [0.99, 1.01])
+def test_the_better_explanation_is_a_hundred_times_more_likely(rng, part):
+    """Minus twice the logarithm of the likelihoods are the squares per variance of the noise."""
+    difference = part * 2 * np.log(100) * 1e-3**2
+    angle = optimize.brentq(lambda a: np.subtract(*explain(a, 0.5)[1][1::-1]) - difference, 0, 1.5)
+    turns, shifts, target = moving(rng, frames=600, noise=0.0, shape=SQUARE)
+    frames = slice(0, 600, 30)
+    slipped_square = np.stack([turn.apply(explain(angle, 0.5)[0]) for turn in turns[frames]])
+    target[frames] = slipped_square + shifts[frames][:, None]
+    rejected = estimate_robust_transforms(SQUARE, target).rejected
+    assert rejected[frames, 1].all() == rejected.any() == (part > 1)
