@@ -268,3 +268,18 @@ def test_orders_that_butterworth_filters_do_not_have_are_refused(order):
     with pytest.raises(DataError, match="1 to 12"):
         smooth(parameter(sine(1)), 10, order)
     smooth(parameter(sine(1)), 10, min(max(order, 1), 12))
+
+
+@pytest.mark.parametrize(("less", "filtered"), [(1e-9, False), (1.5e-9, True)])
+def test_a_rate_is_lower_from_a_billionth_on(less, filtered):
+    values = sine(190.0, rate=400.0)
+    result = resample(parameter(values, rate=400.0), 400.0 * (1 - less)).values[:, 0]
+    # At 0.4 of the rate, 160 Hz, the low-pass has taken 3 dB; 190 Hz are hardly there any more.
+    assert (np.abs(result[100:-100]).max() < 0.5) == filtered
+
+
+def test_the_last_frame_may_be_late_by_a_millionth():
+    """Of 101 frames at 100 Hz, 61 fit at 60 Hz, however the last product is rounded."""
+    assert resample(parameter(np.zeros(101)), 60.0).frames == 61
+    assert resample(parameter(np.zeros(101)), 60.0 * (1 - 1.2e-8)).frames == 61
+    assert resample(parameter(np.zeros(101)), 60.0 * (1 - 2.5e-8)).frames == 60

@@ -68,6 +68,7 @@ def test_between_takes_a_part_of_every_array(tracks: Tracks):
     assert tracks.between(end=2.02).frames == 1
     # A time within a nanosecond of a frame is that frame's.
     assert tracks.between(2.04 + 5e-10, 2.06 + 5e-10).times == pytest.approx([2.04])
+    assert tracks.between(2.04 + 1.5e-9, 2.08 + 1.5e-9).times == pytest.approx([2.06, 2.08])
 
 
 @every_kind
@@ -244,3 +245,21 @@ def test_an_origin_that_no_code_says_is_refused():
         origin[0, 0] = codes
         with pytest.raises(DataError, match="known codes"):
             markers().replace(origin=origin)
+
+
+@every_kind
+def test_numbers_and_sequences_of_any_type_become_plain_ones(tracks: Tracks):
+    changed = tracks.replace(
+        rate=np.float32(50), start_time=np.int64(2), names=list(tracks.names), events=[]
+    )
+    assert (type(changed.rate), type(changed.start_time)) == (float, float)
+    assert (type(changed.names), changed.events) == (tuple, ())
+    assert changed.replace(provenance=[]).provenance == ()
+    assert hash(changed.names) == hash(tracks.names)
+
+
+def test_empty_tracks_say_that_there_is_no_stretch_and_no_gap():
+    empty = ParameterTracks(("jaw",), 50, np.zeros((0, 1)))
+    assert empty.describe()["parameters"] == [{"name": "jaw", "gap_rate": 0.0}]
+    with pytest.raises(DataError, match="expected a recording with frames"):
+        empty.between()
