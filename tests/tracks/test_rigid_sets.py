@@ -238,3 +238,23 @@ def test_reference_markers_are_sought_in_a_thousand_frames(rng):
     positions[1::2] += 30 * rng.normal(size=(1000, len(tracks.names), 3))
     chosen = find_reference_markers(tracks.replace(positions=positions), 5)
     assert chosen == tuple(name for name in tracks.names if name.startswith("h"))
+
+
+@pytest.mark.parametrize(
+    ("compute", "rounds"), [(compute_mean_shape, 5), (compute_typical_shape, 4)]
+)
+def test_shapes_are_medians_of_frames_laid_on_them_a_few_times(rng, compute, rounds):
+    """By scipy's rotations: each round lays the frames on the median of the round before."""
+    positions = moving(rng, frames=60, noise=0.5)
+    if compute is compute_typical_shape:
+        positions[np.arange(1, 60), rng.integers(5, size=59)] = np.nan
+    shape = positions[0]
+    for _ in range(rounds):
+        laid = np.full(positions.shape, np.nan)
+        for frame, points in enumerate(positions):
+            seen = ~np.isnan(points[:, 0])
+            middle, goal = points[seen].mean(axis=0), shape[seen].mean(axis=0)
+            turn = Rotation.align_vectors(shape[seen] - goal, points[seen] - middle)[0]
+            laid[frame, seen] = turn.apply(points[seen] - middle) + goal
+        shape = np.nanmedian(laid, axis=0)
+    np.testing.assert_allclose(pdist(compute(positions)), pdist(shape), rtol=0, atol=1e-9)
