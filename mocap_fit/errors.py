@@ -13,6 +13,9 @@ from typing import Any, TypeVar
 
 _AnyError = TypeVar("_AnyError", bound="MocapFitError")
 
+DEBUG_VARIABLE = "MOCAP_FIT_DEBUG"
+"""Environment variable with which the command line shows tracebacks."""
+
 
 class MocapFitError(Exception):
     """A problem with the user's data, described so that the user can correct it.
@@ -203,12 +206,13 @@ def from_os_error(
 
 
 def describe_error(error: BaseException) -> str:
-    """Return the one-line text of an error that the user can correct.
+    """Return the one-line text of an error.
 
     Parameters
     ----------
     error
-        A `MocapFitError`, an `OSError`, a `MemoryError` or any other exception.
+        A `MocapFitError`, an `OSError` or a `MemoryError`; any other exception is a mistake of
+        ours.
 
     Returns
     -------
@@ -220,4 +224,9 @@ def describe_error(error: BaseException) -> str:
         return f"{error.filename}: {reason}" if error.filename is not None else reason
     if isinstance(error, MemoryError):
         return "there is not enough memory. Take fewer or shorter recordings at a time."
-    return str(error)
+    if isinstance(error, MocapFitError):
+        return str(error)
+    return (
+        f"this is a bug in mocap-fit ({type(error).__name__}: {error}). "
+        f"Set {DEBUG_VARIABLE}=1, run it again, and report the traceback that it shows."
+    )

@@ -144,7 +144,11 @@ def test_what_the_system_says_of_a_file_becomes_our_error(tmp_path):
         (OSError("odd"), "odd"),
         (TimeoutError(), "TimeoutError"),
         (MemoryError(), "there is not enough memory. Take fewer or shorter recordings at a time."),
-        (ValueError("no"), "no"),
+        (
+            ValueError("no"),
+            "this is a bug in mocap-fit (ValueError: no). Set MOCAP_FIT_DEBUG=1, run it again, and "
+            "report the traceback that it shows.",
+        ),
     ],
 )
 def test_every_error_is_one_line(error, text):

@@ -53,13 +53,17 @@ class Context:
     item
         The item.
     folder
-        Folder of its sources here: the item's, or on a cluster a temporary one.
+        Folder of its sources here: the item's, or on a cluster perhaps a temporary one.
     out
         Folder of the results here.
     progress
         Called with the number of frames done so far, and of all frames.
     fingerprint
         Sum over everything that the result depends on.
+    processes
+        Number of processes that share this machine's memory.
+    free_memory
+        What was free when they began, bytes; None where that is not known, or where there is one.
     seconds
         Time spent on each part of the work, in seconds.
     """
@@ -69,6 +73,8 @@ class Context:
     out: Path
     progress: Callable[[int, int], object]
     fingerprint: str = ""
+    processes: int = 1
+    free_memory: int | None = None
     seconds: dict[str, float] = field(default_factory=dict)
 
     @contextlib.contextmanager
@@ -210,7 +216,7 @@ class Job(Protocol[ItemT]):
 
 
 def try_item(context: Context, work: Callable[[], Mapping[str, Any]]) -> ItemResult:
-    """Do some work for an item; what its user can mend is in the result, and not raised.
+    """Do some work for an item; an error, also a mistake of ours, is in the result.
 
     Parameters
     ----------
@@ -230,12 +236,16 @@ def try_item(context: Context, work: Callable[[], Mapping[str, Any]]) -> ItemRes
     with catch_warnings(context) as lines:
         try:
             figures = work()
-        except (MocapFitError, OSError, MemoryError) as error:
+        except Exception as error:
             trace = traceback.format_exc()
             details = getattr(error, "details", None)
+            source = context.folder / item.sources[0]
             if isinstance(error, MocapFitError):
-                error = add_path(error, context.folder / item.sources[0])
-            message = context.rename_paths(describe_error(error))
+                error = add_path(error, source)
+            message = describe_error(error)
+            if getattr(error, "path", None) is None and getattr(error, "filename", None) is None:
+                message = f"{source}: {message}"
+            message = context.rename_paths(message)
     return ItemResult(
         item.name,
         figures,

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,10 +10,12 @@ from typing import Any
 
 from corpus_tools.batch.cluster import Done, run_on_cluster
 from corpus_tools.batch.item import Context, Item, ItemResult, Job, try_item
+from corpus_tools.batch.parcel import Parcel, process_parcel, sum_file
 from corpus_tools.batch.progress import BatchProgress, Tracker
 from mocap_fit._version import __version__
 from mocap_fit.atomic_file import make_folder, write_atomically
-from mocap_fit.processes import DeadProcess, run_locally
+from mocap_fit.fitting.memory import free_memory
+from mocap_fit.processes import DeadProcess, count_cores, run_locally
 from mocap_fit.tracks.parquet_file import read_description
 
 
@@ -26,15 +26,8 @@ class _Batch:
     job: Job[Any]
     out: Path
     fresh: bool
-
-
-@dataclass(frozen=True, eq=False)
-class _Parcel:
-    """An item that is sent to a cluster, with the content of its sources."""
-
-    item: Item
-    fingerprint: str
-    contents: Mapping[str, bytes]
+    processes: int
+    free_memory: int | None
 
 
 def run_batch(
@@ -85,14 +78,15 @@ def run_batch(
     targets = {out / target for item in items for target in item.targets}
     for folder in sorted({out, *(target.parent for target in targets)}):
         make_folder(folder)
-    batch = _Batch(job, out, fresh)
+    processes = 1 if cluster is not None else max(1, min(jobs or count_cores(), len(items)))
+    batch = _Batch(job, out, fresh, processes, free_memory() if processes > 1 else None)
     tracker = Tracker([_measure(item) for item in items], progress)
     _remove_partial(targets)
     try:
         if cluster is not None:
-            stream = run_on_cluster(_process_sent, job, _pack(batch, items), cluster, __version__)
+            stream = run_on_cluster(process_parcel, job, _pack(batch, items), cluster, __version__)
         else:
-            stream = run_locally(_process_here, batch, items, jobs, tracker.update)
+            stream = run_locally(_process_here, batch, items, processes, tracker.update)
         with contextlib.closing(stream):
             for index, result in stream:
                 tracker.finish(index, _receive(items[index], result, out))
@@ -120,16 +114,20 @@ def _remove_partial(targets: Set[Path]) -> None:
 
 def _process_here(batch: _Batch, item: Item, progress: Callable[[int, int], object]) -> ItemResult:
     """Process an item whose files this process can read and write."""
-    context = Context(item, item.folder, batch.out, progress)
+    context = Context(
+        item,
+        item.folder,
+        batch.out,
+        progress,
+        processes=batch.processes,
+        free_memory=batch.free_memory,
+    )
     cached = None
 
     def process_item() -> Mapping[str, Any]:
         nonlocal cached
         with context.time("reading"):
-            sums = {}
-            for path in item.sources:
-                with open(item.folder / path, "rb") as stream:
-                    sums[path] = hashlib.file_digest(stream, "sha256").hexdigest()
+            sums = {path: sum_file(item.folder / path) for path in item.sources}
             context.fingerprint = batch.job.compute_fingerprint(item, sums)
             cached = _read_cached(batch, item, context.fingerprint)
         return batch.job.process(item, context) if cached is None else cached
@@ -154,42 +152,23 @@ def _read_cached(batch: _Batch, item: Item, fingerprint: str) -> Mapping[str, An
     return figures
 
 
-def _pack(batch: _Batch, items: Sequence[Item]) -> Iterator[_Parcel | Done]:
+def _pack(batch: _Batch, items: Sequence[Item]) -> Iterator[Parcel | Done]:
     """Pack the items for a cluster, but for those that are done or cannot be read."""
     for item in items:
         context = Context(item, item.folder, batch.out, lambda done, of: None)
-        parcel: _Parcel | None = None
+        parcel: Parcel | None = None
 
-        def read_item(item: Item = item) -> Mapping[str, Any]:
+        def sum_item(item: Item = item) -> Mapping[str, Any]:
             nonlocal parcel
-            contents = {path: (item.folder / path).read_bytes() for path in item.sources}
-            sums = {path: hashlib.sha256(data).hexdigest() for path, data in contents.items()}
+            sums = {path: sum_file(item.folder / path) for path in item.sources}
             fingerprint = batch.job.compute_fingerprint(item, sums)
             cached = _read_cached(batch, item, fingerprint)
             if cached is None:
-                parcel = _Parcel(item, fingerprint, contents)
+                parcel = Parcel(item, fingerprint, sums)
             return cached or {}
 
-        result = try_item(context, read_item)
+        result = try_item(context, sum_item)
         yield parcel or Done(replace(result, cached=result.error is None))
-
-
-def _process_sent(
-    job: Job[Any], parcel: _Parcel, progress: Callable[[int, int], object]
-) -> ItemResult:
-    """Process an item whose sources were sent; the result holds the files that it wrote."""
-    # Readers take files, and a worker shares no disk with who sent them.
-    with tempfile.TemporaryDirectory() as name:
-        folder, out, item = Path(name) / "in", Path(name) / "out", parcel.item
-        for path, content in parcel.contents.items():
-            (folder / path).parent.mkdir(parents=True, exist_ok=True)
-            (folder / path).write_bytes(content)
-        for target in item.targets:
-            (out / target).parent.mkdir(parents=True, exist_ok=True)
-        context = Context(item, folder, out, progress, parcel.fingerprint)
-        result = try_item(context, lambda: job.process(item, context))
-        files = {t: (out / t).read_bytes() for t in item.targets if (out / t).is_file()}
-    return result if result.error else replace(result, files=files)
 
 
 def _receive(item: Item, result: ItemResult | DeadProcess, out: Path) -> ItemResult:
@@ -199,7 +178,7 @@ def _receive(item: Item, result: ItemResult | DeadProcess, out: Path) -> ItemRes
         return ItemResult(item.name, error=f"{source}: it was not processed: {result.reason}")
     if not result.files:
         return result
-    context = Context(item, item.folder, out, lambda done, of: None, "", dict(result.seconds))
+    context = Context(item, item.folder, out, lambda done, of: None, seconds=dict(result.seconds))
 
     def write_files() -> Mapping[str, Any]:
         with context.time("writing"):

@@ -25,7 +25,7 @@ Option = functools.partial(typer.Option, readable=False)
 AsJson = Annotated[bool, Option("--json", help="Print JSON, for programs.")]
 Jobs = Annotated[int, Option(min=0, help="Number of processes; 0 for one per core.")]
 Dask = Annotated[
-    str | None, Option(metavar="ADDRESS", help="Work on a dask cluster: tcp://HOST:PORT.")
+    str | None, Option(metavar="ADDRESS", help="Work on a dask cluster: tcp://HOST:PORT, tls://…")
 ]
 Dictionary = Annotated[Path | None, Option(help="A pronouncing dictionary in CMU's format.")]
 Face = Annotated[str, Option(help="The face: built-in, or a rig file.")]

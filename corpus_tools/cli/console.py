@@ -17,13 +17,12 @@ from collections.abc import Callable, Iterator
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
-from mocap_fit.errors import MocapFitError, MocapFitWarning, describe_error
+from mocap_fit.errors import DEBUG_VARIABLE, MocapFitError, MocapFitWarning, describe_error
 
 if TYPE_CHECKING:
     from types import FrameType
 
 PROGRAM = "mocap-fit"
-DEBUG_VARIABLE = "MOCAP_FIT_DEBUG"
 
 
 class Status(IntEnum):
@@ -109,10 +108,7 @@ def _report_end(error: BaseException) -> Status:
         return Status.BAD_DATA
     if is_debugging():
         traceback.print_exc()
-    say(
-        f"error: this is a bug in mocap-fit ({type(error).__name__}: {error}). "
-        f"Set {DEBUG_VARIABLE}=1, run it again, and report the traceback that it shows."
-    )
+    say(f"error: {describe_error(error)}")
     return Status.BUG
 
 

@@ -203,11 +203,12 @@ def show_batch_progress(
     with _draw() as draw:
 
         def show(state: BatchProgress) -> None:
+            # Ctrl-C may have become the error of a result.
+            console.stop_if_interrupted()
             for result in state.results:
                 console.print_traceback(result.traceback)
                 if print_result is not None:
                     print_result(result)
-            console.stop_if_interrupted()
             complete = state.finished == state.total
             draw(task, state.share, format_batch_progress(state), "", complete)
 

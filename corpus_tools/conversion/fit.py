@@ -127,7 +127,12 @@ class _FitJob:
             if self.between is not None:
                 recording = recording.between(*self.between)
             check_memory(
-                recording.frames, len(recording.names), smooth=self.settings["smooth"], path=path
+                recording.frames,
+                len(recording.names),
+                smooth=self.settings["smooth"],
+                path=path,
+                processes=context.processes,
+                free=context.free_memory,
             )
         with context.time("head_motion"):
             still, motion = self.speaker.remove_head_motion(recording)

@@ -26,6 +26,7 @@ from corpus_tools.conversion.material import (
 from corpus_tools.conversion.plan import AUDIO, PARTS, Settings, UtteranceItem
 from mocap_fit.atomic_file import write_atomically
 from mocap_fit.errors import DataError, MocapFitWarning, add_path
+from mocap_fit.fitting.memory import check_memory
 from mocap_fit.phones import write_phones
 from mocap_fit.sound import Sound, read_sound, write_sound
 from mocap_fit.tracks import write_parquet
@@ -116,6 +117,14 @@ class ConversionJob:
         with catch_warnings(context) as checks:
             with context.time("reading"):
                 recording = read_recording(settings, context.folder, item)
+                check_memory(
+                    recording.frames,
+                    len(recording.names),
+                    smooth=settings.options["smooth"],
+                    path=context.folder / item.recording,
+                    processes=context.processes,
+                    free=context.free_memory,
+                )
                 sound = None if item.sound is None else read_sound(context.folder / item.sound)
                 rate = None if sound is None else sound.rate
                 phones = read_labels(settings, context.folder, item, rate)

@@ -56,7 +56,13 @@ def free_memory() -> int | None:
 
 
 def check_memory(
-    frames: int, markers: int, *, smooth: bool = False, path: str | os.PathLike[str] | None = None
+    frames: int,
+    markers: int,
+    *,
+    smooth: bool = False,
+    path: str | os.PathLike[str] | None = None,
+    processes: int = 1,
+    free: int | None = None,
 ) -> int:
     """Refuse a recording that needs more memory than this machine has free.
 
@@ -70,6 +76,10 @@ def check_memory(
         Whether `fit_over_time` follows.
     path
         File of the recording, for the message.
+    processes
+        Number of processes that fit at once, each a recording that may be as large.
+    free
+        Memory for all of them, bytes; by default what is free now.
 
     Returns
     -------
@@ -81,13 +91,20 @@ def check_memory(
     DataError
         If it needs more than is free.
     """
-    needed, free = estimate_memory(frames, markers, smooth=smooth), free_memory()
-    if free is not None and needed > free:
+    needed = estimate_memory(frames, markers, smooth=smooth)
+    free = free_memory() if free is None else free
+    if free is not None and needed * processes > free:
+        size, limit = f"{needed / 2**30:.1f} GB", f"{free / 2**30:.1f} GB"
+        advice = "it a part at a time: mocap-fit fit with --between START-END."
+        if processes > 1:
+            size += f" in each of {processes} processes"
+            limit += " for all"
+            advice = f"it with fewer than --jobs {processes}, or {advice}"
         raise DataError(
             "the recording needs more memory than is free",
             path=path,
-            found=f"{needed / 2**30:.1f} GB for {frames} frames of {markers} markers",
-            expected=f"at most {free / 2**30:.1f} GB",
-            advice="Fit a part of it at a time with --between START-END.",
+            found=f"{size} for {frames} frames of {markers} markers",
+            expected=f"at most {limit}",
+            advice=f"Fit {advice}",
         )
     return needed

@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from corpus_tools.cli import app as cli
+from mocap_fit.io import READERS
+from mocap_fit.labels import LABEL_READERS
 
 
 @dataclass(frozen=True)
@@ -68,3 +70,12 @@ def lab_corpus(lab, tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("lab_corpus") / "new" / "corpus"
     assert cli.main(["convert", str(lab), "--out", str(out)]) == 0
     return out
+
+
+@pytest.fixture
+def crash_reader(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plug-in reader for files that end their reader; processes that are started have it too."""
+    monkeypatch.syspath_prepend(Path(__file__).parent / "plug_in")
+    for registry in (READERS, LABEL_READERS):
+        monkeypatch.setattr(registry, "_entries", None)
+        monkeypatch.setattr(registry, "_loaded", {})
