@@ -101,8 +101,10 @@ def read(
         lead = ["frame"] * titles.frame + ["time"] * (titles.time_unit is not None)
         columns = [*lead, *(f"{name} {axis}" for name in used.labels for axis in "xyz")]
         first_line = text.number + 1
-        block = text.read_rest().replace(b'"', b"")
-        table = read_numbers(block, columns, titles.separator, first_line, text.path)
+        numbered, block = bool(lead), text.read_rest()
+        table = read_numbers(
+            block, columns, titles.separator, first_line, text.path, numbered=numbered
+        )
     used_rate, start_time = determine_timing(
         table,
         frame=0 if titles.frame else None,

@@ -21,10 +21,8 @@ _TIME_TITLES = {
     **dict.fromkeys(("time", "times", "t", "time_s", "seconds", "sec", "timestamp"), 1.0),
     **dict.fromkeys(("time_ms", "milliseconds", "ms", "timestamp_ms"), 0.001),
 }
-_UNIT = re.compile(r"(.*?)\s*[\[(]\s*(\w+)\s*[\])]", re.DOTALL)
 # Name of the marker, axis, and unit of a column.
 Column = tuple[str, str, str | None]
-_AXIS = re.compile(r"(.*?)(?:[ _.:\-]+([xyzXYZ])|(?<=[a-z0-9])([XYZ]))", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -114,12 +112,12 @@ def _parse_one_row(separator: Separator, cells: list[str]) -> Titles:
     columns: list[Column] = []
     for title in cells[lead:]:
         plain, unit = _split_unit(title)
-        match = _AXIS.fullmatch(plain)
-        if match is None or not match[1]:
+        name, axis = _split_axis(plain)
+        if not name or axis not in ("x", "y", "z"):
             raise FileFormatError(
                 "a column is not the coordinate of a marker", found=f"'{title}'", expected=EXAMPLE
             )
-        columns.append((match[1].strip(), (match[2] or match[3]).lower(), unit))
+        columns.append((name, axis, unit))
     return Titles(separator, frame, time_unit, *_join_columns(columns), 1)
 
 
@@ -177,5 +175,17 @@ def _parse_lead(cells: list[str]) -> tuple[bool, float | None, int]:
 
 
 def _split_unit(title: str) -> tuple[str, str | None]:
-    match = _UNIT.fullmatch(title)
-    return (match[1], match[2]) if match else (title, None)
+    """Return the title without the unit in brackets at its end, and that unit."""
+    opening = max(title.rfind("["), title.rfind("("))
+    unit = title[opening + 1 : -1].strip()
+    if opening < 0 or title[-1] not in "])" or not re.fullmatch(r"\w+", unit):
+        return title, None
+    return title[:opening].rstrip(), unit
+
+
+def _split_axis(title: str) -> tuple[str, str]:
+    """Return the marker and the axis of a title; no marker where it is not a coordinate."""
+    stem, axis = title[:-1], title[-1:]
+    name = stem.rstrip(" _.:-")
+    joined = axis.isupper() and (stem[-1:].islower() or stem[-1:].isdigit())
+    return (name.strip() if joined or name != stem else "", axis.lower())

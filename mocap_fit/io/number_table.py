@@ -98,6 +98,8 @@ class NumberTable:
         Cells of the first rows, as they were written.
     path
         File for messages.
+    surplus
+        Largest number of filled cells behind the columns, which were not read.
     """
 
     values: FloatArray
@@ -105,6 +107,7 @@ class NumberTable:
     lost_line: int | None
     sample: tuple[tuple[str, ...], ...]
     path: Path
+    surplus: int = 0
 
     def count_decimals(self, column: int) -> int:
         """Return the number of digits after the point that a column was written with.
@@ -157,11 +160,15 @@ def read_numbers(
     first_line: int,
     path: Path,
     expected_rows: int | None = None,
+    *,
+    used: Sequence[int] | None = None,
+    numbered: bool = False,
+    unnamed: bool = False,
 ) -> NumberTable:
     r"""Read the rows of numbers at the end of a file.
 
-    Decimal commas are accepted where the separator is not a comma. Blank lines are left out, and
-    so are blank cells after the last column and a last line that was cut off.
+    Decimal commas are accepted where the separator is not a comma. Quotation marks and blank lines
+    are left out, and so are blank cells after the last column and a last line that was cut off.
 
     Parameters
     ----------
@@ -177,11 +184,19 @@ def read_numbers(
         File for messages.
     expected_rows
         Number of rows in the header of the file.
+    used
+        Indices of the columns to read, in ascending order; the others may hold any text. All where
+        not given.
+    numbered
+        Whether every row has the number or the time of its frame, so that a row of blank cells is
+        a blank line and not a frame of gaps.
+    unnamed
+        Whether further columns may follow, three a trajectory, which are not read.
 
     Returns
     -------
     NumberTable
-        The rows.
+        The rows, with the used columns.
 
     Raises
     ------
@@ -194,7 +209,9 @@ def read_numbers(
     MocapFitWarning
         If the last line is incomplete, or there are not as many rows as expected.
     """
-    lines = _split_lines(block, separator, first_line, len(columns))
+    if b'"' in block:
+        block = block.replace(b'"', b"")
+    lines = _split_lines(block, separator, first_line, len(columns), numbered)
     if lines.numbers.size == 0:
         raise FileFormatError(
             "there is no row of numbers",
@@ -214,24 +231,28 @@ def read_numbers(
                 expected=f"{len(columns)} numbers",
                 advice="Export or copy the recording again.",
             )
-    _check_widths(lines, columns, separator, path)
+    surplus = _check_widths(lines, len(columns), separator, path, unnamed)
+    used = range(len(columns)) if used is None else used
     decimal_comma = separator != "," and b"," in lines.block
-    values = _parse_fast(lines, len(columns), separator, decimal_comma)
+    values = _parse_fast(lines, used, separator, decimal_comma)
     if values is None:
-        values = _parse_by_cell(lines, columns, separator, decimal_comma, path)
+        values = _parse_by_cell(lines, columns, used, separator, decimal_comma, path)
     if np.isinf(values).any():
         row, column = (int(index) for index in np.argwhere(np.isinf(values))[0])
         line = int(lines.numbers[row])
         raise FileFormatError(
-            f"{columns[column]} is infinite", path=path, line=line, expected="a number"
+            f"{columns[used[column]]} is infinite", path=path, line=line, expected="a number"
         )
     _warn_of_loss(lost, len(values), expected_rows, path)
     rows = lines.block.split(b"\n", _SAMPLE)[:_SAMPLE]
-    sample = tuple(tuple(decode_line(row).split(separator)) for row in rows if row)
-    return NumberTable(values, lines.numbers, lost, sample, path)
+    cells = [decode_line(row).split(separator) for row in rows if row]
+    sample = tuple(tuple(row[column] for column in used) for row in cells)
+    return NumberTable(values, lines.numbers, lost, sample, path, surplus)
 
 
-def _split_lines(block: bytes, separator: str, first_line: int, width: int) -> _Lines:
+def _split_lines(
+    block: bytes, separator: str, first_line: int, width: int, numbered: bool = False
+) -> _Lines:
     terminated = block.endswith(b"\n")
     if not terminated:
         block += b"\n"
@@ -242,7 +263,8 @@ def _split_lines(block: bytes, separator: str, first_line: int, width: int) -> _
     cells = np.searchsorted(between, ends) - np.searchsorted(between, starts) + 1
     numbers = np.arange(first_line, first_line + len(ends))
     # A line of separators alone is a row of gaps if it has all its cells, and else a blank one.
-    suspects = np.flatnonzero(cells < width)
+    # With the number of its frame it is never a row, and has a blank or nothing in a cell.
+    suspects = np.flatnonzero((cells < width) | (numbered & (ends - starts < 2 * cells)))
     empty = f" {separator}".encode()
     blank = [row for row in suspects if not block[starts[row] : ends[row]].strip(empty)]
     if blank:
@@ -288,15 +310,17 @@ def _drop_last(lines: _Lines) -> _Lines:
     return _Lines(lines.block[:cut], lines.numbers[:-1], lines.cells[:-1], True)
 
 
-def _check_widths(lines: _Lines, columns: Sequence[str], separator: str, path: Path) -> None:
-    width = len(columns)
-    wrong = lines.cells < width
+def _check_widths(lines: _Lines, width: int, separator: str, path: Path, unnamed: bool) -> int:
+    """Check the number of cells of each row, and return the most that follow the last column."""
+    wrong, most, mark = lines.cells < width, 0, separator.encode()
     surplus = np.flatnonzero(lines.cells > width)
     if surplus.size:
         rows = lines.block.split(b"\n")
         for row in surplus:
-            extra = rows[row].split(separator.encode(), width)[-1]
-            wrong[row] = bool(extra.replace(separator.encode(), b"").strip())
+            extra = rows[row].split(mark, width)[-1].rstrip(b" " + mark)
+            count = extra.count(mark) + 1 if extra else 0
+            wrong[row] = count % 3 if unnamed else count
+            most = max(most, count)
     if wrong.any():
         first = int(np.flatnonzero(wrong)[0])
         raise FileFormatError(
@@ -307,10 +331,11 @@ def _check_widths(lines: _Lines, columns: Sequence[str], separator: str, path: P
             expected=width,
             advice="Export or copy the recording again.",
         )
+    return most
 
 
 def _parse_fast(
-    lines: _Lines, width: int, separator: str, decimal_comma: bool
+    lines: _Lines, used: Sequence[int], separator: str, decimal_comma: bool
 ) -> FloatArray | None:
     """Return the values, or None where pandas cannot parse them."""
     import pandas as pd
@@ -323,7 +348,7 @@ def _parse_fast(
             sep=separator,
             header=None,
             names=list(range(int(lines.cells.max()))),
-            usecols=list(range(width)),
+            usecols=list(used),
             index_col=False,
             dtype=np.float64,
             engine="c",
@@ -340,17 +365,22 @@ def _parse_fast(
 
 
 def _parse_by_cell(
-    lines: _Lines, columns: Sequence[str], separator: str, decimal_comma: bool, path: Path
+    lines: _Lines,
+    columns: Sequence[str],
+    used: Sequence[int],
+    separator: str,
+    decimal_comma: bool,
+    path: Path,
 ) -> FloatArray:
-    values = np.empty((len(lines.numbers), len(columns)))
+    values = np.empty((len(lines.numbers), len(used)))
     for row, raw in enumerate(lines.block.split(b"\n")[: len(values)]):
         cells = raw.decode("utf-8", errors="replace").split(separator)
-        for column, name in enumerate(columns):
+        for index, column in enumerate(used):
             cell = cells[column]
             value = parse_number(cell, decimal_comma)
             if value is None or (decimal_comma and "." in cell and not is_missing(cell)):
                 raise FileFormatError(
-                    f"{name} is not a number",
+                    f"{columns[column]} is not a number",
                     path=path,
                     line=int(lines.numbers[row]),
                     found=f"'{cell}' in column {column + 1}",
@@ -359,7 +389,7 @@ def _parse_by_cell(
                     else "a number",
                     advice="Correct the cell, or export the recording again.",
                 )
-            values[row, column] = value
+            values[row, index] = value
     return values
 
 

@@ -17,7 +17,6 @@ BODY_COLUMNS = (
 )
 """Columns of a body, without the blank one that may follow it."""
 
-_AXIS_TITLE = re.compile(r"(.*?)[ _:]*([XYZ])", re.DOTALL)
 _DAMAGED = "The header is damaged; export the recording again."
 
 
@@ -152,9 +151,7 @@ def _extract_names(header: Header, titles: tuple[str, ...]) -> tuple[str, ...]:
     titles = titles[len(_find_lead(header)) :]
     names = []
     for start in range(0, len(titles), 3):
-        matches = [_AXIS_TITLE.fullmatch(title) for title in titles[start : start + 3]]
-        pairs = [match.groups() for match in matches if match is not None]
-        if len(pairs) != 3 or [axis for _, axis in pairs] != ["X", "Y", "Z"]:
+        if [title[-1:] for title in titles[start : start + 3]] != ["X", "Y", "Z"]:
             raise FileFormatError(
                 "the column titles are not those of markers",
                 path=header.path,
@@ -163,7 +160,7 @@ def _extract_names(header: Header, titles: tuple[str, ...]) -> tuple[str, ...]:
                 expected="NAME X, NAME Y, NAME Z",
                 advice="Give the marker names (names=[...]) or export with the header.",
             )
-        names.append(pairs[0][0])
+        names.append(titles[start][:-1].rstrip(" _:"))
     return tuple(names)
 
 

@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mocap_fit.errors import FileFormatError, FrameTimesError, MissingRateError, RateMismatchError
+from mocap_fit.errors import (
+    FileFormatError,
+    FrameTimesError,
+    MissingRateError,
+    MocapFitWarning,
+    RateMismatchError,
+)
 from mocap_fit.io.number_table import NumberTable
 from mocap_fit.tracks import FloatArray
 
 _GIVE_RATE = "Give the rate of the recording (rate=..., in hertz)."
 _KNOWN_RATES = (24000 / 1001, 30000 / 1001, 60000 / 1001, 120000 / 1001)
+
+_SLOWEST = 2.0
+"""Hertz: nothing is recorded so slowly; the times are probably milliseconds."""
 
 
 def check_rate(rate: float, *, path: Path, line: int | None = None) -> float:
@@ -61,7 +71,8 @@ def determine_timing(
 ) -> tuple[float, float]:
     """Determine the rate and the start time of a table with a row a frame.
 
-    The rate is that of the caller, else that of the header, else that of the times.
+    The rate is that of the caller, else that of the header, else that of the times. Where the times
+    of the frames drift from the header's rate by more than half a frame, theirs is used.
 
     Parameters
     ----------
@@ -76,7 +87,7 @@ def determine_timing(
     rate
         Rate of the caller, hertz; it replaces that of the file.
     file_rate
-        Rate in the header of the file, hertz; it must agree with the times within 1 per cent.
+        Rate in the header of the file, hertz.
     line
         Line for the message of a missing rate.
 
@@ -93,7 +104,12 @@ def determine_timing(
         If neither the caller nor the file says the rate.
     FileFormatError
         If the rate is out of range, frames are left out, or the times are missing, uneven, or
-        contradict the header.
+        contradict the header without being even.
+
+    Warns
+    -----
+    MocapFitWarning
+        If the times are used in place of the header's rate, or are probably milliseconds.
     """
     if frame is not None:
         _check_consecutive(table, table.values[:, frame])
@@ -107,11 +123,17 @@ def determine_timing(
             )
         return known, 0.0
     times = table.values[:, time] * time_unit
-    decimals = table.count_decimals(time) - round(np.log10(time_unit))
+    resolution = 10.0 ** (round(np.log10(time_unit)) - table.count_decimals(time))
     if known is None:
-        known = _estimate_rate(table, times, decimals)
-    elif rate is None:
-        _check_rate_against_times(table, known, times, decimals)
+        known = _estimate_rate(table, times, resolution)
+        if known < _SLOWEST:
+            _warn(table, f"the times say {known:g} frames a second: are they milliseconds?")
+    else:
+        if _is_in_milliseconds(times, known):
+            _warn(table, f"the times are taken as milliseconds, which fits {known:g} Hz")
+            times, resolution = 0.001 * times, 0.001 * resolution
+        if rate is None:
+            known = _compare_clocks(table, known, times, resolution)
     start = float(times[0])
     if np.isnan(start):
         raise _create_error(table, 0, "the first frame has no time")
@@ -122,7 +144,17 @@ def _create_error(table: NumberTable, row: int, problem: str, **details: Any) ->
     return FrameTimesError(problem, path=table.path, line=int(table.lines[row]), **details)
 
 
-def _estimate_rate(table: NumberTable, times: FloatArray, decimals: int) -> float:
+def _warn(table: NumberTable, message: str) -> None:
+    warnings.warn(f"{table.path}: {message}", MocapFitWarning, stacklevel=4)
+
+
+def _is_in_milliseconds(times: FloatArray, rate: float) -> bool:
+    """Return whether the times last a thousand times as long as the frames do at a known rate."""
+    frames = rate * (times[-1] - times[0])
+    return len(times) > 1 and bool(abs(frames / (len(times) - 1) - 1000) < 10)
+
+
+def _estimate_rate(table: NumberTable, times: FloatArray, resolution: float) -> float:
     """Estimate the rate of evenly spaced times that were rounded when they were written.
 
     An integer rate, one with a single decimal, or one of the television rates is chosen where it
@@ -135,7 +167,6 @@ def _estimate_rate(table: NumberTable, times: FloatArray, decimals: int) -> floa
             "one frame does not tell the rate", path=table.path, line=line, advice=_GIVE_RATE
         )
     mean = (len(times) - 1) / (times[-1] - times[0])
-    resolution = 10.0**-decimals
     frames = np.arange(len(times))
     for candidate in (round(mean), round(mean, 1), *_KNOWN_RATES):
         # The differences of rounded times from those of the exact rate lie in a narrow band.
@@ -175,23 +206,39 @@ def _check_consecutive(table: NumberTable, numbers: FloatArray) -> None:
         )
 
 
-def _check_rate_against_times(
-    table: NumberTable, rate: float, times: FloatArray, decimals: int
-) -> None:
-    """Refuse times that contradict the rate of the header by more than 1 per cent."""
+def _compare_clocks(
+    table: NumberTable, file_rate: float, times: FloatArray, resolution: float
+) -> float:
+    """Return the header's rate, or that of the times where these drift from it evenly."""
     _check_increasing(table, times, "time")
-    if len(times) < 2:
-        return
-    duration = float(times[-1] - times[0])
-    expected = (len(times) - 1) / rate
-    if abs(duration - expected) > 0.01 * expected + 2.0 * 10.0**-decimals:
+    if len(times) < 2 or _find_drift(times, file_rate, resolution) is None:
+        return file_rate
+    rate = float((len(times) - 1) / (times[-1] - times[0]))
+    row = _find_drift(times, rate, resolution)
+    if row is not None:
         raise RateMismatchError(
             "the header's rate and the times of the frames contradict each other",
             path=table.path,
-            line=int(table.lines[-1]),
-            found=f"{rate:g} Hz and {(len(times) - 1) / duration:.6g} Hz",
-            advice="Find out which is right, and give it (rate=..., in hertz).",
+            line=int(table.lines[row]),
+            frame=row,
+            found=f"{file_rate:g} Hz and {rate:.6g} Hz, the frame at {times[row]:.6g} s",
+            expected=f"{times[0] + row / rate:.6g} s, or less than half a frame from it",
+            advice="Find out which rate is right, and give it (rate=..., in hertz).",
         )
+    _warn(
+        table,
+        f"the header says {file_rate:g} Hz, but the times of the frames {rate:.6g} Hz, which is "
+        "used; give the rate if the header is right",
+    )
+    return rate
+
+
+def _find_drift(times: FloatArray, rate: float, resolution: float) -> int | None:
+    """Return the first frame that is over half a frame from its time at a rate; None without."""
+    drift = np.abs(times - times[0] - np.arange(len(times)) / rate)
+    # The difference of two rounded times is off by one unit of their last digit.
+    far = drift > max(0.5 / rate, resolution) * 1.001 + 1e-9
+    return int(np.argmax(far)) if far.any() else None
 
 
 def _check_increasing(table: NumberTable, values: FloatArray, noun: str) -> None:

@@ -96,17 +96,6 @@ def timing(table: NumberTable, **options: object) -> tuple[float, float]:
     return determine_timing(table, frame=None, time=0, **options)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("rate", "ok"), [(101, True), (99, True), (101.3, False), (98.7, False)])
-def test_header_and_times_agree_within_one_in_a_hundred(rate: float, ok: bool) -> None:
-    table = times(np.arange(1001) / 100)
-    if ok:
-        assert timing(table, file_rate=rate) == (rate, 0.0)
-    else:
-        with pytest.raises(FileFormatError, match=r"line 1002: .*contradict.*and 100 Hz"):
-            timing(table, file_rate=rate)
-    assert timing(table, file_rate=rate, rate=25) == (25, 0.0)
-
-
 @pytest.mark.parametrize(
     "rate", [25, 50.5, 24000 / 1001, 30000 / 1001, 60000 / 1001, 120000 / 1001]
 )
