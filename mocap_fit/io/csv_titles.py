@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -10,6 +9,7 @@ from typing import Literal
 
 from mocap_fit.errors import FileFormatError
 from mocap_fit.io.number_table import is_missing, parse_number
+from mocap_fit.io.text import split_cells
 
 Separator = Literal["\t", ";", ","]
 EXAMPLE = "time, NAME_x, NAME_y, NAME_z, ..."
@@ -76,9 +76,9 @@ def parse_titles(lines: list[str]) -> Titles:
     FileFormatError
         Without a path, if they are not those of markers.
     """
-    separator = max(_SEPARATORS, key=lambda mark: len(_split_cells(lines[0], mark)))
-    first = _split_cells(lines[0], separator)
-    second = _split_cells(lines[1], separator) if len(lines) > 1 else []
+    separator = max(_SEPARATORS, key=lambda mark: len(split_cells(lines[0], mark)))
+    first = split_cells(lines[0], separator)
+    second = split_cells(lines[1], separator) if len(lines) > 1 else []
     axes = [_split_unit(cell)[0].lower() for cell in second]
     if sum(axis in ("x", "y", "z") for axis in axes) >= 3:
         return _parse_two_rows(separator, first, second)
@@ -91,20 +91,6 @@ def parse_titles(lines: list[str]) -> Titles:
             "the first row holds numbers, not column titles", found=first[0], expected=EXAMPLE
         )
     return _parse_one_row(separator, first)
-
-
-def _split_cells(line: str, separator: Separator) -> list[str]:
-    try:
-        parts = next(csv.reader([line], delimiter=separator), [])
-    except csv.Error as error:
-        # A cell of over 100,000 characters, or a line end inside one.
-        raise FileFormatError(
-            "the row of titles cannot be split", found=str(error), expected=EXAMPLE
-        ) from None
-    cells = [cell.strip() for cell in parts]
-    while cells and not cells[-1]:
-        cells.pop()
-    return cells
 
 
 def _parse_one_row(separator: Separator, cells: list[str]) -> Titles:

@@ -113,6 +113,16 @@ def _check_data_included(header: Header) -> None:
             expected="3D or 6D",
             advice="Export 3D or 6DOF data.",
         )
+    types = header.values.get("DATA_TYPES", ())
+    if any(word.lower() not in ("position", "positions", "3d", "6d", "6dof") for word in types):
+        raise FileFormatError(
+            "the export holds other data than positions",
+            path=header.path,
+            line=header.lines["DATA_TYPES"],
+            found=", ".join(types),
+            expected="Position alone",
+            advice="Export 3D or 6DOF data.",
+        )
 
 
 def _is_6dof(header: Header, names: Sequence[str] | None) -> bool:

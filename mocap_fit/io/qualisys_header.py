@@ -8,9 +8,9 @@ import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mocap_fit.errors import FileFormatError, MocapFitWarning
+from mocap_fit.errors import FileFormatError, MocapFitWarning, add_path
 from mocap_fit.io.number_table import is_missing, parse_number
-from mocap_fit.io.text import TextFile
+from mocap_fit.io.text import TextFile, split_cells
 from mocap_fit.io.timing import check_rate
 from mocap_fit.tracks import Event
 
@@ -22,6 +22,16 @@ KNOWN_KEYWORDS = frozenset(
         *("NO_OF_DATA_TYPES", "DATA_TYPES"),
     )
 )
+
+_COUNTS = {
+    "MARKER_NAMES": "NO_OF_MARKERS",
+    "BODY_NAMES": "NO_OF_BODIES",
+    "TRAJECTORY_TYPES": "NO_OF_MARKERS",
+}
+"""Keywords with a cell for each marker or body, and those that count these."""
+
+_UNUSED = frozenset(("TIME_STAMP", "DESCRIPTION", "NO_OF_CAMERAS", "NO_OF_ANALOG"))
+"""Keywords that some exports have twice, and that nothing depends on."""
 
 _KEYWORD = re.compile(r"[A-Z][A-Z0-9]*(_[A-Z0-9]+)*")
 
@@ -143,6 +153,29 @@ def _is_keyword(cell: str) -> bool:
     return len(word) > 2 and bool(_KEYWORD.fullmatch(word)) and not is_missing(word)
 
 
+def split_line(line: str) -> list[str]:
+    """Split a line of the header; a blank may stand for the tab after a known keyword.
+
+    Parameters
+    ----------
+    line
+        The line.
+
+    Returns
+    -------
+    list of str
+        The cells, without blanks around them.
+
+    Raises
+    ------
+    FileFormatError
+        Without a path, if the line cannot be split.
+    """
+    cells = split_cells(line, "\t") if '"' in line else [cell.strip() for cell in line.split("\t")]
+    words = cells[0].split(None, 1) if cells else []
+    return words + cells[1:] if words and words[0] in KNOWN_KEYWORDS else cells
+
+
 def is_title_row(cells: list[str]) -> bool:
     """Return whether most cells of a row that are not blank are not numbers.
 
@@ -177,7 +210,7 @@ def read_header(text: TextFile) -> Header:
     Raises
     ------
     FileFormatError
-        If a line is too long or a keyword comes twice.
+        If a line is too long or a keyword comes twice with different values.
 
     Warns
     -----
@@ -186,13 +219,30 @@ def read_header(text: TextFile) -> Header:
     """
     header = Header(text.path)
     while (line := text.read_line()) is not None:
-        cells = line.split("\t")
         if not line.strip(" "):
             continue
-        if header.titles is None and _is_keyword(cells[0]):
-            keyword = cells[0].strip()
+        try:
+            cells = split_line(line)
+        except FileFormatError as error:
+            raise add_path(error, text.path) from None
+        if (
+            not any(cells)
+            and "NO_OF_FRAMES" in header.values
+            and not _COUNTS.keys() & header.values
+        ):
+            # A blank line in the header, as a spreadsheet saves it.
+            continue
+        if header.titles is None and cells and _is_keyword(cells[0]):
+            keyword = cells[0]
+            values = tuple(cells[1:]) if keyword in _COUNTS else _trim(cells[1:])
             if keyword == "EVENT":
-                header.events.append((text.number, _trim(cells[1:])))
+                # All in one cell where blanks stand for the tabs.
+                values = tuple(values[0].rsplit(None, 2)) if len(values) == 1 else values
+                header.events.append((text.number, values))
+                continue
+            if keyword in _UNUSED or values == header.values.get(keyword):
+                header.values.setdefault(keyword, values)
+                header.lines.setdefault(keyword, text.number)
                 continue
             if keyword in header.values:
                 raise FileFormatError(
@@ -202,7 +252,7 @@ def read_header(text: TextFile) -> Header:
                     found=f"also in line {header.lines[keyword]}",
                     advice="Export the recording again.",
                 )
-            header.values[keyword], header.lines[keyword] = _trim(cells[1:]), text.number
+            header.values[keyword], header.lines[keyword] = values, text.number
         elif header.titles is None and is_title_row(cells):
             header.titles, header.titles_line = _trim(cells), text.number
         else:
@@ -210,6 +260,8 @@ def read_header(text: TextFile) -> Header:
             text.push_back()
             break
     header.first_row_line = text.number + 1
+    for keyword in _COUNTS:
+        _trim_cells(header, keyword)
     _check_version(header)
     return header
 
@@ -255,11 +307,24 @@ def read_events(header: Header, rate: float) -> tuple[Event, ...]:
     return tuple(events)
 
 
+def _trim_cells(header: Header, keyword: str) -> None:
+    """Cut off blank cells behind the announced number; split at blanks what has no tabs."""
+    cells = list(header.values.get(keyword, ()))
+    text = header.get_text(_COUNTS[keyword]) or ""
+    count = int(text) if re.fullmatch(r"[0-9]{1,9}", text) else 0
+    words = cells[0].split() if cells else []
+    if len(words) == count > 1 and not any(cells[1:]):
+        cells = words
+    while len(cells) > count and not cells[-1]:
+        cells.pop()
+    if keyword in header.values:
+        header.values[keyword] = tuple(cells)
+
+
 def _trim(cells: list[str]) -> tuple[str, ...]:
-    stripped = [cell.strip() for cell in cells]
-    while stripped and not stripped[-1]:
-        stripped.pop()
-    return tuple(stripped)
+    while cells and not cells[-1]:
+        cells.pop()
+    return tuple(cells)
 
 
 def _check_version(header: Header) -> None:

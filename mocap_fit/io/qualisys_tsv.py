@@ -30,7 +30,13 @@ from mocap_fit.errors import FileFormatError, MocapFitWarning
 from mocap_fit.io import finalise
 from mocap_fit.io.number_table import read_numbers
 from mocap_fit.io.qualisys_columns import find_columns
-from mocap_fit.io.qualisys_header import KNOWN_KEYWORDS, Header, read_events, read_header
+from mocap_fit.io.qualisys_header import (
+    KNOWN_KEYWORDS,
+    Header,
+    read_events,
+    read_header,
+    split_line,
+)
 from mocap_fit.io.qualisys_poses import extract_poses
 from mocap_fit.io.text import TextFile, read_first_lines
 from mocap_fit.io.timing import determine_timing
@@ -64,9 +70,12 @@ def sniff(path: str | os.PathLike[str]) -> bool:
         Whether it looks like a QTM export.
     """
     for line in read_first_lines(path, 2):
-        cells = [cell.strip() for cell in line.split("\t")]
         if not line.strip():
             continue
+        try:
+            cells = split_line(line)
+        except FileFormatError:
+            return False
         return (cells[0] in KNOWN_KEYWORDS and len(cells) > 1) or cells[:2] == ["Frame", "Time"]
     return False
 
@@ -125,7 +134,9 @@ def read(
         columns = find_columns(header, names, subject)
         block, rows = text.read_rest(), header.get_count("NO_OF_FRAMES")
         first_line = header.first_row_line
-        table = read_numbers(block, columns.titles, "\t", first_line, text.path, rows)
+        table = read_numbers(
+            block, columns.titles, "\t", first_line, text.path, rows, numbered=bool(columns.lead)
+        )
     used_rate, start_time = determine_timing(
         table,
         frame=columns.find("frame"),

@@ -6,6 +6,7 @@ what it seems costs neither time nor space.
 
 from __future__ import annotations
 
+import csv
 import os
 from io import BytesIO
 from pathlib import Path
@@ -99,6 +100,36 @@ def decode_line(line: bytes) -> str:
         return line.decode("utf-8")
     except UnicodeDecodeError:
         return line.decode("cp1252", errors="replace")
+
+
+def split_cells(line: str, separator: str) -> list[str]:
+    """Split a line into its cells, which may be in quotation marks.
+
+    Parameters
+    ----------
+    line
+        The line.
+    separator
+        Separator of the cells.
+
+    Returns
+    -------
+    list of str
+        The cells, without blanks around them and blank ones at the end.
+
+    Raises
+    ------
+    FileFormatError
+        Without a path, if a cell is over 100,000 characters long, or a line end is inside one.
+    """
+    try:
+        cells = next(csv.reader([line], delimiter=separator), [])
+    except csv.Error as error:
+        raise FileFormatError("the line cannot be split into cells", found=str(error)) from None
+    cells = [cell.strip() for cell in cells]
+    while cells and not cells[-1]:
+        cells.pop()
+    return cells
 
 
 def read_first_lines(

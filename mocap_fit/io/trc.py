@@ -1,9 +1,13 @@
-"""TRC files of Motion Analysis and OpenSim.
+"""TRC files of Motion Analysis and OpenSim, also those that a spreadsheet saved.
 
-Three lines of header, a line of marker names, a line of axes, an optional blank line, and a row a
-frame: number, time, three coordinates a marker. The unit is that of the header. Gaps are blanks,
-and in the files of some converters ``0`` three times; both become NaN, so that a point measured at
-exactly (0, 0, 0) is lost. The axes stay as they are in the file; OpenSim's y points up.
+Three lines of header, a line of marker names, a line of axes, optional blank lines, and a row a
+frame: number, time, three coordinates a marker. Cells are separated by tabs, in files of
+spreadsheets also by commas or semicolons, and may be in quotation marks; a tab may be doubled.
+Trajectories without a name, between or behind the named ones, are left out.
+
+The unit is that of the header. Gaps are blanks, and in the files of some converters ``0`` three
+times; both become NaN, so that a point measured at exactly (0, 0, 0) is lost. The axes stay as they
+are in the file; OpenSim's y points up.
 
 `start_time` is the time of the first row.
 """
@@ -12,14 +16,19 @@ from __future__ import annotations
 
 import os
 import re
+import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-from mocap_fit.errors import FileFormatError
+import numpy as np
+
+from mocap_fit.errors import FileFormatError, MocapFitWarning, add_path
 from mocap_fit.io import finalise
+from mocap_fit.io.csv_titles import Separator
 from mocap_fit.io.names import name_tracks
-from mocap_fit.io.number_table import parse_number, read_numbers
+from mocap_fit.io.number_table import NumberTable, parse_number, read_numbers
 from mocap_fit.io.qualisys_header import is_title_row
-from mocap_fit.io.text import TextFile, read_first_lines
+from mocap_fit.io.text import TextFile, decode_line, read_first_lines, split_cells
 from mocap_fit.io.timing import check_rate, determine_timing
 from mocap_fit.tracks import MarkerTracks
 
@@ -28,6 +37,15 @@ description = "TRC markers of Motion Analysis or OpenSim"
 extensions = (".trc",)
 
 _AGAIN = "Export the recording again."
+
+
+@dataclass(frozen=True)
+class _Markers:
+    """The named trajectories: which ones, from 0, and the column of the first one's x."""
+
+    labels: tuple[str, ...]
+    trajectories: tuple[int, ...]
+    start: int
 
 
 def sniff(path: str | os.PathLike[str]) -> bool:
@@ -44,7 +62,7 @@ def sniff(path: str | os.PathLike[str]) -> bool:
         Whether it looks like a TRC file.
     """
     lines = read_first_lines(path, 1, 4096)
-    return bool(lines) and lines[0].startswith("PathFileType")
+    return bool(lines) and lines[0].lstrip('"').startswith("PathFileType")
 
 
 def read(
@@ -83,28 +101,40 @@ def read(
     Warns
     -----
     MocapFitWarning
-        If the file is cut off.
+        If the file is cut off, trajectories have no name, the number of markers in the header is
+        wrong, or its rate is not that of the times.
     """
     with TextFile(path) as text:
-        values = _read_header(text)
-        file_names = _read_names(text)
-        announced = _parse_count(text, values, "NumMarkers")
-        if announced is not None and announced != len(file_names):
-            raise FileFormatError(
-                "NumMarkers and the marker names contradict each other",
-                path=text.path,
-                line=3,
-                found=f"{announced} and {len(file_names)} names",
-                advice=_AGAIN,
-            )
-        used = name_tracks(file_names, names, path=text.path, subject=subject, line=4)
-        columns = ["frame", "time", *(f"{name} {axis}" for name in used.labels for axis in "XYZ")]
+        values, separator, filled = _read_header(text)
+        axes = _read_axes(text, separator)
         expected_rows, first_line = _parse_count(text, values, "NumFrames"), text.number + 1
-        table = read_numbers(text.read_rest(), columns, "\t", first_line, text.path, expected_rows)
+        block = text.read_rest()
+    match = re.search(rb"[^\s,;\"][^\n]*", block)
+    row = decode_line(match[0] if match else b"")
+    if separator == "\t" and row and not re.search(r"(?<!\t)\t(?!\t)", row):
+        block, row = block.replace(b"\t\t", b"\t"), row.replace("\t\t", "\t")
+    markers = _locate_markers(filled, axes, row.split(separator))
+    used = name_tracks(markers.labels, names, path=text.path, subject=subject, line=4)
+    columns = ["frame", "time", *("the blank column",) * (markers.start - 2)]
+    titles = dict(zip(markers.trajectories, used.labels, strict=True))
+    for number in range(max(titles) + 1):
+        columns += [f"{titles.get(number, f'trajectory {number + 1}')} {axis}" for axis in "XYZ"]
+    cells = [markers.start + 3 * number + axis for number in titles for axis in range(3)]
+    table = read_numbers(
+        *(block, columns, separator, first_line, text.path, expected_rows),
+        used=[*range(markers.start), *cells],
+        numbered=True,
+        unnamed=True,
+    )
+    _check_markers(text, values, markers, table)
     unit = unit or values.get("units")
     if unit is None:
         raise FileFormatError(
-            "the header has no Units", path=text.path, line=2, expected="mm or m", advice=_AGAIN
+            "the header has no Units",
+            path=text.path,
+            line=2,
+            expected="mm or m",
+            advice="Give the unit (unit=...), or export the recording again.",
         )
     scale = finalise.get_millimetres(unit, path=text.path, line=3)
     file_rate = _parse_rate(text, values) if rate is None else None
@@ -115,16 +145,16 @@ def read(
         NAME,
         used,
         used_rate,
-        {"positions": finalise.mark_zeros(table.to_positions(2)) * scale},
+        {"positions": finalise.mark_zeros(table.to_positions(markers.start)) * scale},
         start_time=start_time,
         arguments=finalise.list_arguments(used, rate, unit),
     )
 
 
-def _read_header(text: TextFile) -> dict[str, str]:
-    """Return the values of line 3 by the words of line 2, in lower case."""
+def _read_header(text: TextFile) -> tuple[dict[str, str], Separator, list[tuple[int, str]]]:
+    """Return the values of line 3 by the words of line 2, the separator, and the names' cells."""
     first = text.read_line() or ""
-    if not first.startswith("PathFileType"):
+    if not first.lstrip('"').startswith("PathFileType"):
         raise FileFormatError(
             "this is not a TRC file",
             path=text.path,
@@ -133,44 +163,100 @@ def _read_header(text: TextFile) -> dict[str, str]:
             expected="PathFileType",
             advice="Check that it is the file you mean.",
         )
-    lines = [text.read_line(), text.read_line()]
-    if None in lines:
-        raise _create_cut_off_error(text)
-    words, values = ((line or "").split("\t") for line in lines)
+    lines = [line for _ in range(3) if (line := text.read_line()) is not None]
+    if len(lines) < 3:
+        raise FileFormatError(
+            "the file is cut off in its header", path=text.path, line=text.number, advice=_AGAIN
+        )
+    separator: Separator = "\t" if "\t" in lines[2] else ";" if ";" in lines[2] else ","
+    words, values = (line.replace('"', "").split(separator) for line in lines[:2])
     if len(words) < 3:
-        words, values = ((line or "").split() for line in lines)
+        words, values = (line.split() for line in lines[:2])
+    filled = [[cell for cell in cells if cell.strip()] for cells in (words, values)]
+    # Doubled tabs move the cells of one line against those of the other.
+    if len(filled[0]) == len(filled[1]):
+        words, values = filled
     pairs = zip(words, values, strict=False)
-    return {word.strip().lower(): value.strip() for word, value in pairs if word.strip()}
-
-
-def _read_names(text: TextFile) -> list[str]:
-    """Return the names of line 4, with two blank cells after each, and pass line 5."""
-    line = text.read_line()
-    if line is None:
-        raise _create_cut_off_error(text)
-    cells = [cell.strip() for cell in line.split("\t")]
-    if [cell.lower() for cell in cells[:2]] not in (["frame#", "time"], ["frame", "time"]):
+    by_word = {word.strip().lower(): value.strip() for word, value in pairs if value.strip()}
+    cells = _list_cells(text, lines[2], separator)
+    starts = [cell.lower().replace(" ", "") for _, cell in cells[:2]]
+    if len(starts) < 2 or starts[0] not in ("frame#", "frame") or not starts[1].startswith("time"):
         raise FileFormatError(
             "the line of marker names is missing",
             path=text.path,
             line=text.number,
-            found="\t".join(cells[:2])[:60],
+            found=", ".join(cell for _, cell in cells[:2])[:60],
             expected="Frame# and Time, then the markers",
             advice=_AGAIN,
         )
-    names = [cell for cell in cells[2:] if cell]
-    if not names:
+    if len(cells) == 2:
         raise FileFormatError(
             "the file names no marker", path=text.path, line=text.number, advice=_AGAIN
         )
-    axes = text.read_line()
-    if axes is not None and not is_title_row(axes.split("\t")):
+    return by_word, separator, cells[2:]
+
+
+def _read_axes(text: TextFile, separator: Separator) -> list[int]:
+    """Return the columns of the axes in line 5; none where it is the first row."""
+    line = text.read_line()
+    cells = [] if line is None else _list_cells(text, line, separator)
+    if line is not None and not is_title_row([cell for _, cell in cells]):
         text.push_back()
-    return names
+        return []
+    return [column for column, cell in cells if cell[0] in "XYZxyz"]
 
 
-def _parse_rate(text: TextFile, values: dict[str, str]) -> float:
-    rate = parse_number(values.get("datarate", ""))
+def _list_cells(text: TextFile, line: str, separator: Separator) -> list[tuple[int, str]]:
+    """Return the filled cells of a line with their columns."""
+    try:
+        cells = split_cells(line, separator)
+    except FileFormatError as error:
+        raise add_path(error, text.path) from None
+    return [(column, cell) for column, cell in enumerate(cells) if cell]
+
+
+def _locate_markers(filled: list[tuple[int, str]], axes: list[int], row: list[str]) -> _Markers:
+    """Determine which trajectories the names stand above, from the first row of numbers."""
+    start = axes[0] if axes and not "".join(row[2 : axes[0]]).strip() else 2
+    start = max(start, 2)
+    steps, rest = np.divmod(np.array([column for column, _ in filled]) - start, 3)
+    # Blank cells between the names are trajectories without a name if there are as many; else
+    # tabs are doubled or left out in that line.
+    count = max(len(axes), len("\t".join(row).rstrip().split("\t")) - start) // 3
+    if rest.any() or steps[0] < 0 or steps[-1] >= count:
+        steps = np.arange(len(filled))
+    labels = tuple(name for _, name in filled)
+    return _Markers(labels, tuple(int(step) for step in steps), start)
+
+
+def _check_markers(
+    text: TextFile, values: dict[str, str], markers: _Markers, table: NumberTable
+) -> None:
+    """Refuse numbers under no title; warn of what has no name, and of a wrong count."""
+    if not np.isnan(table.values[:, 2 : markers.start]).all():
+        raise FileFormatError(
+            "the numbers are not under the titles of their columns",
+            path=text.path,
+            line=int(table.lines[0]),
+            expected=f"a blank cell in column {markers.start}",
+            advice=_AGAIN,
+        )
+    announced, named = _parse_count(text, values, "NumMarkers"), len(markers.labels)
+    unnamed = max(markers.trajectories) + 1 - named + table.surplus // 3
+    if unnamed:
+        message = f"{unnamed} {'trajectory' if unnamed == 1 else 'trajectories'} without a name"
+        message += f" beside the {named} named markers; not read"
+    elif announced not in (None, named):
+        message = f"line 3: NumMarkers is {announced}, but {named} markers are named and read"
+    else:
+        return
+    warnings.warn(f"{text.path}, {message}", MocapFitWarning, stacklevel=3)
+
+
+def _parse_rate(text: TextFile, values: dict[str, str]) -> float | None:
+    if "datarate" not in values:
+        return None
+    rate = parse_number(values["datarate"])
     if rate is None:
         raise FileFormatError(
             "DataRate is not a number",
@@ -186,7 +272,8 @@ def _parse_count(text: TextFile, values: dict[str, str], word: str) -> int | Non
     value = values.get(word.lower())
     if value is None:
         return None
-    if not re.fullmatch(r"[0-9]{1,12}", value):
+    number = parse_number(value)
+    if number is None or not 0 <= number < 1e12 or number % 1:
         raise FileFormatError(
             f"{word} is not a count",
             path=text.path,
@@ -195,10 +282,4 @@ def _parse_count(text: TextFile, values: dict[str, str], word: str) -> int | Non
             expected="an integer",
             advice=_AGAIN,
         )
-    return int(value)
-
-
-def _create_cut_off_error(text: TextFile) -> FileFormatError:
-    return FileFormatError(
-        "the file is cut off in its header", path=text.path, line=text.number, advice=_AGAIN
-    )
+    return int(number)

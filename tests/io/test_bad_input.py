@@ -76,7 +76,6 @@ DEFECTS: list[tuple[str, int | None, str]] = [
     ("short_row.trc", 10, "found 14, expected 17"),
     ("text_in_a_number.trc", 10, "'0.O40'"),
     ("unknown_unit.trc", 3, "'furlong'"),
-    ("wrong_marker_count.trc", 3, "found 4 and 5 names"),
     ("zero_rate.trc", 3, "found 0 Hz"),
     ("comments_only.csv", None, "no table"),
     ("long_row.csv", 5, "found 17, expected 16"),
