@@ -12,6 +12,7 @@ from mocap_fit.head import (
     remove_head_motion,
     restore_head_motion,
 )
+from mocap_fit.head.reference import check_sizes
 from mocap_fit.tracks import MarkerTracks, Origin
 
 NAMES = ("left", "right", "top", "front", "chin")
@@ -190,3 +191,21 @@ def test_names_that_the_recording_lacks_make_no_reference():
     with pytest.raises(DataError, match="too few reference markers") as caught:
         estimate_head_motion(take(), names=("one", "other", "third"))
     assert "one" in str(caught.value)
+
+
+def test_one_pair_of_markers_tells_another_unit():
+    """Wherever the two stand among the names."""
+    for pair in ((0, 1), (1, 2), (0, 2)):
+        positions = np.full((2, 3, 3), np.nan)
+        positions[:, pair] = SHAPE[list(pair)] / 10
+        with pytest.raises(DataError, match="differ in size") as caught:
+            check_sizes(NAMES[:3], SHAPE[:3], positions)
+        assert "the recording is in centimetres" in caught.value.advice
+    check_sizes(NAMES[:3], SHAPE[:3], np.full((2, 3, 3), np.nan))
+
+
+def test_markers_in_one_place_are_no_question_of_units():
+    with pytest.raises(DataError, match="all in one place") as caught:
+        check_sizes(NAMES[:3], SHAPE[:3], np.zeros((2, 3, 3)))
+    apart = np.median([np.linalg.norm(SHAPE[i] - SHAPE[j]) for i, j in ((0, 1), (0, 2), (1, 2))])
+    assert caught.value.expected == f"about {apart:.3g} mm, as in the reference pose"

@@ -224,3 +224,23 @@ def test_a_target_on_a_line_is_refused_with_its_extent():
         estimate_rigid_transform(square, line)
     with pytest.raises(DataError, match=r"on a line: 11\.18 mm long, only 0\.08944 mm wide"):
         estimate_rigid_transform(line + [[0, 0.1, 0], [0, -0.1, 0]] * 2, square)
+
+
+def test_weights_are_one_a_point_or_one_a_frame_and_point(rng):
+    source = rng.normal(size=(5, 3)) * 50
+    target = source + rng.normal(size=(4, 5, 3))
+    weights = rng.uniform(0.5, 1, size=5)
+    for one, other in zip(
+        estimate_rigid_transforms(source, target, weights),
+        estimate_rigid_transforms(source, target, np.tile(weights, (4, 1))),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(one, other)
+    for wrong in (1.0, weights[:4], np.ones((5, 4)), np.ones((1, 5))):
+        with pytest.raises(DataError, match="weights have the wrong shape"):
+            estimate_rigid_transforms(source, target, wrong)
+    with pytest.raises(DataError, match="weights have the wrong shape"):
+        estimate_rigid_transform(source, source, 1.0)
+    for infinite in (np.nan, np.inf):
+        with pytest.raises(DataError, match="negative or not finite"):
+            estimate_rigid_transform(source, source, [1, 1, 1, 1, infinite])

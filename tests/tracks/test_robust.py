@@ -343,3 +343,11 @@ def test_the_better_explanation_is_a_hundred_times_more_likely(rng, part):
     target[frames] = slipped_square + shifts[frames][:, None]
     rejected = estimate_robust_transforms(SQUARE, target).rejected
     assert rejected[frames, 1].all() == rejected.any() == (part > 1)
+
+
+def test_three_points_tell_the_noise_too():
+    residuals = np.full(4, np.sqrt(stats.chi2.median(3) / 3))
+    assert _measure_noise(residuals, np.ones((4, 3))) == pytest.approx(1.0, rel=5e-3)
+    # Weighted squares of a point of weight 4 are those of four points.
+    residuals = np.full(4, np.sqrt(stats.chi2.median(3) / 6))
+    assert _measure_noise(residuals, np.tile([4.0, 1, 1], (4, 1))) == pytest.approx(1.0, rel=5e-3)
