@@ -209,3 +209,12 @@ def test_markers_in_one_place_are_no_question_of_units():
         check_sizes(NAMES[:3], SHAPE[:3], np.zeros((2, 3, 3)))
     apart = np.median([np.linalg.norm(SHAPE[i] - SHAPE[j]) for i, j in ((0, 1), (0, 2), (1, 2))])
     assert caught.value.expected == f"about {apart:.3g} mm, as in the reference pose"
+
+
+def test_three_markers_that_both_have_are_enough():
+    reference = take(names=("left", "right", "top", "brow", "jaw"))
+    motion = estimate_head_motion(take(), reference)
+    assert motion.reference_names == NAMES[:3]
+    with pytest.raises(DataError, match="share too few markers") as caught:
+        estimate_head_motion(take(), take(names=("left", "right", "crown", "brow", "jaw")))
+    assert caught.value.found == "left, right"

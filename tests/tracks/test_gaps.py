@@ -167,3 +167,26 @@ def test_an_infinite_limit_fills_every_inner_gap():
     filled = fill_gaps(without(waving(), (0, 10, 290)), "linear", np.inf)
     assert filled.visible.all()
     assert filled.provenance[-1].arguments["maximum_gap"] is None
+
+
+def test_the_report_is_a_table_as_wide_as_its_longest_name():
+    gappy = without(waving(100), (0, 0, 5), (0, 20, 21), (1, 50, 62))
+    table = str(count_gaps(gappy)).splitlines()
+    assert table == [
+        "100 frames at 100 Hz, 2 markers, 9.00% of the samples missing",
+        "marker  gaps  missing           longest          at ends",
+        "m0         2        6 (  6.0%)      5 (0.050 s)        5",
+        "m1         1       12 ( 12.0%)     12 (0.120 s)        0",
+    ]
+    table = str(count_gaps(gappy.replace(names=("m0", "eyebrow")))).splitlines()
+    assert [line[:13] for line in table[1:]] == ["marker   gaps", "m0          2", "eyebrow     1"]
+
+
+def test_a_tenth_of_a_second_is_filled_where_nothing_else_is_said():
+    filled = fill_gaps(without(waving(), (0, 50, 60), (1, 50, 61)))
+    assert filled.visible.all(axis=0).tolist() == [True, False]
+
+
+def test_nothing_is_missing_of_no_frame():
+    empty = MarkerTracks(("a",), RATE, np.zeros((0, 1, 3)))
+    assert count_gaps(empty).markers[0].share == 0.0
