@@ -154,7 +154,7 @@ def _convert(
 
 
 def _align(
-    sounds: Annotated[list[Path], Argument(metavar="WAV", help="Sounds of speech.")],
+    sounds: Annotated[list[Path], Argument(metavar="SOUND", help="Sounds of speech.")],
     out: Annotated[Path, Option(help="The folder for OUT/NAME.TextGrid.")],
     text: Annotated[
         Path | None,

@@ -38,7 +38,7 @@ def _speak(
     tracks: Annotated[
         Path | None, Option(help="Measured tracks; with --labels and --model beside.")
     ] = None,
-    audio: Annotated[Path | None, Option(help="The wav file of labels or tracks.")] = None,
+    audio: Annotated[Path | None, Option(help="The sound of labels or tracks.")] = None,
     language: _Language = "",
     model: _Model = None,
     nearest: Annotated[

@@ -12,16 +12,17 @@ from mocap_fit.atomic_file import make_folder
 from mocap_fit.errors import ConfigurationError, FileFormatError, MissingFileError, MocapFitError
 from mocap_fit.labels import to_labels, write_labels
 from mocap_fit.labels.text import read_label_text
+from mocap_fit.sound import SOUND_ENDINGS
 
 _BESIDE = (".txt", ".lab")
 
 
-def read_transcripts(wavs: Sequence[Path], text: Path | None) -> dict[Path, str]:
-    """Return what is said in each wav file.
+def read_transcripts(sound_files: Sequence[Path], text: Path | None) -> dict[Path, str]:
+    """Return what is said in each sound file.
 
     Parameters
     ----------
-    wavs
+    sound_files
         The sounds.
     text
         For one sound, a file with its text; for many, a table with the name of the sound, a tab
@@ -41,7 +42,7 @@ def read_transcripts(wavs: Sequence[Path], text: Path | None) -> dict[Path, str]
     FileFormatError
         If a file cannot be read, or a table has a line without a tab or two for one sound.
     """
-    names = [wav.stem for wav in wavs]
+    names = [file.stem for file in sound_files]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ConfigurationError(
@@ -52,19 +53,19 @@ def read_transcripts(wavs: Sequence[Path], text: Path | None) -> dict[Path, str]
     # A pipe is no file, and has a text all the same.
     if text is not None and text.exists() and not text.is_dir():
         content = read_label_text(text)
-        if len(wavs) == 1 and "\t" not in content:
-            return {wavs[0]: content}
+        if len(sound_files) == 1 and "\t" not in content:
+            return {sound_files[0]: content}
         table = _parse_table(content, text, set(names))
     else:
         if text is not None and not text.exists():
             raise MissingFileError("there is no such file or folder", path=str(text))
         table = {}
-        for wav in wavs:
-            folder = wav.parent if text is None else text
+        for file in sound_files:
+            folder = file.parent if text is None else text
             for ending in _BESIDE:
-                beside = folder / f"{wav.stem}{ending}"
-                if wav.stem not in table and beside.is_file():
-                    table[wav.stem] = read_label_text(beside)
+                beside = folder / f"{file.stem}{ending}"
+                if file.stem not in table and beside.is_file():
+                    table[file.stem] = read_label_text(beside)
     without = [name for name in names if not table.get(name, "").strip()]
     if without:
         more = f" and {len(without) - 10} more" if len(without) > 10 else ""
@@ -74,7 +75,7 @@ def read_transcripts(wavs: Sequence[Path], text: Path | None) -> dict[Path, str]
             found=", ".join(without[:10]) + more,
             expected="a line NAME<tab>TEXT for each, or NAME.txt or NAME.lab",
         )
-    return {wav: table[wav.stem] for wav in wavs}
+    return {file: table[file.stem] for file in sound_files}
 
 
 def _parse_table(content: str, path: Path, names: set[str]) -> dict[str, str]:
@@ -104,7 +105,8 @@ def _parse_table(content: str, path: Path, names: set[str]) -> dict[str, str]:
 
 
 def _get_stem(cell: str) -> str:
-    return cell.strip().removesuffix(".wav")
+    name = cell.strip()
+    return name.rpartition(".")[0] if name.lower().endswith(SOUND_ENDINGS) else name
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +162,7 @@ def align(
     Parameters
     ----------
     sounds
-        Wav files.
+        Sound files.
     text
         For one sound, a file with its text; for many, a table ``NAME<tab>TEXT``, or a folder with
         NAME.txt or NAME.lab for each. By default those are beside the sounds.
@@ -195,18 +197,18 @@ def align(
     make_folder(folder)
     aligned: list[Mapping[str, Any]] = []
     errors: dict[str, str] = {}
-    for count, (wav, words) in enumerate(spoken.items(), start=1):
+    for count, (sound_file, words) in enumerate(spoken.items(), start=1):
         fault = None
         try:
-            phones = aligner.align(wav, words)
+            phones = aligner.align(sound_file, words)
         except MocapFitError as error:
             fault = error
-            errors[wav.stem] = str(error)
+            errors[sound_file.stem] = str(error)
         else:
-            file = folder / f"{wav.stem}.TextGrid"
+            file = folder / f"{sound_file.stem}.TextGrid"
             write_labels(to_labels(phones), file)
             figures = {"phones": len(phones), "duration": phones.duration}
-            aligned.append({"utterance": wav.stem, "file": str(file), **figures})
+            aligned.append({"utterance": sound_file.stem, "file": str(file), **figures})
         if progress is not None:
             progress(count, len(spoken), fault)
     return AlignReport(folder, tuple(aligned), errors)

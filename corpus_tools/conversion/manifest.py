@@ -18,7 +18,7 @@ from pydantic import Field, model_validator
 from mocap_fit.fitting.objective import Objective
 from mocap_fit.fitting.solving import SOLVERS
 from mocap_fit.settings_file import StrictModel, load_settings
-from mocap_fit.sound import SyncKind
+from mocap_fit.sound import SOUND_ENDINGS, SyncKind
 from mocap_fit.sound.estimate import MAX_OFFSET
 
 NAME = re.compile(r"[^\s./\\*?\[\]][^/\\*?\[\]]*")
@@ -92,7 +92,7 @@ class Sound(StrictModel):
     Parameters
     ----------
     pattern
-        Path of a wav file, with ``{id}`` for the utterance.
+        Path of a sound file, with ``{id}`` for the utterance.
     required
         Whether an utterance without sound is an error.
     """
@@ -101,9 +101,9 @@ class Sound(StrictModel):
     required: bool = False
 
     @model_validator(mode="after")
-    def _check_wav(self) -> Self:
-        if not self.pattern.endswith(".wav"):
-            raise ValueError("the sound must be in .wav files")
+    def _check_ending(self) -> Self:
+        if not self.pattern.lower().endswith(SOUND_ENDINGS):
+            raise ValueError(f"the sound must be in files with one of {' '.join(SOUND_ENDINGS)}")
         return self
 
 

@@ -28,7 +28,7 @@ from mocap_fit.atomic_file import write_atomically
 from mocap_fit.errors import DataError, MocapFitWarning, add_path
 from mocap_fit.fitting.memory import check_memory
 from mocap_fit.phones import write_phones
-from mocap_fit.sound import Sound, read_sound, write_sound
+from mocap_fit.sound import Sound, is_plain_wav, read_sound, write_sound
 from mocap_fit.tracks import write_parquet
 
 STEP = "convert"
@@ -181,8 +181,8 @@ class ConversionJob:
 
 
 def _write_audio(target: Path, speech: Sound, source: Path | None) -> str:
-    """Write the sound, or copy its source where it is unchanged; return the SHA-256 of the file."""
-    if source is None:
+    """Write the sound, or copy a wav file that is unchanged; return the SHA-256 of the file."""
+    if source is None or not is_plain_wav(source):
         write_sound(speech, target)
     else:
         with write_atomically(target) as partial:

@@ -42,7 +42,7 @@ class Source:
     tracks
         Measured parameters (Parquet).
     sound
-        The wav file of labels or tracks.
+        The sound file of labels or tracks.
     language
         Language of the text, and of models that are named by their kind.
     phone_set

@@ -34,7 +34,7 @@ from mocap_fit.errors import (
 from mocap_fit.io import READERS, read
 from mocap_fit.labels import LABEL_READERS, Label, Labels, Tier, find_phone_tier, read_all_labels
 from mocap_fit.phones import PhoneSet
-from mocap_fit.sound import read_sound
+from mocap_fit.sound import SOUND_ENDINGS, read_sound
 from mocap_fit.tracks import MarkerTracks, ParameterTracks, Tracks, read_parquet
 
 # Folder of a corpus → what its files hold, their ending, and the name of the data in a `Subject`.
@@ -46,7 +46,6 @@ FOLDERS = {
     "audio": ("sound", "wav", "sound"),
 }
 _Content = TypeVar("_Content")
-SOUND_ENDINGS = (".wav", ".flac", ".aiff", ".aif", ".ogg")
 
 
 def _describe_error(error: MocapFitError) -> str:

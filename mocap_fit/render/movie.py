@@ -100,7 +100,7 @@ def render_movie(
     face
         A rig, ``"built-in"`` (the default), or a rig file.
     sound
-        A sound or a wav file on the clock of the tracks: it begins at 0 s, and so does the movie.
+        A sound or a sound file on the clock of the tracks: it begins at 0 s, and so does the movie.
         The movie lasts until both have ended.
     rate
         Frame rate, hertz. Picture ``i`` is visible from ``i / rate`` to ``(i + 1) / rate`` and

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mocap_fit.errors import DataError
-from mocap_fit.sound.wav import Sound
+from mocap_fit.sound.sound import Sound
 from mocap_fit.tracks import FloatArray
 
 WINDOW = 0.025

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from mocap_fit.errors import DataError
 from mocap_fit.sound.energy import energy_db
-from mocap_fit.sound.wav import Sound
+from mocap_fit.sound.sound import Sound
 from mocap_fit.tracks import FloatArray
 
 MAX_OFFSET = 0.5

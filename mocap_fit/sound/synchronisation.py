@@ -16,7 +16,7 @@ import numpy as np
 from mocap_fit.errors import DataError
 from mocap_fit.sound.estimate import MAX_OFFSET, estimate_offset
 from mocap_fit.sound.pulses import decode_pulses
-from mocap_fit.sound.wav import Sound
+from mocap_fit.sound.sound import Sound
 from mocap_fit.tracks import Event, MarkerTracks, ParameterTracks, PoseTracks
 
 SyncKind = Literal["pulses", "estimate", "none"]
