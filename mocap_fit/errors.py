@@ -31,7 +31,7 @@ class MocapFitError(Exception):
     frame
         The frame of the recording, counted from 0.
     found
-        What was there.
+        What was there; of a list, the first items are shown.
     expected
         What should have been there.
     advice
@@ -79,7 +79,15 @@ class MocapFitError(Exception):
         return " ".join(text.split())
 
 
+_LONGEST_ITEM = 40
+_MOST_ITEMS = 40
+
+
 def _shorten(value: object, limit: int = 200) -> str:
+    if isinstance(value, list):
+        items = [_shorten(item, _LONGEST_ITEM) for item in value[:_MOST_ITEMS]]
+        more = len(value) - len(items)
+        return ", ".join(items) + (f" and {more} more" if more else "")
     text = str(value)
     return text if len(text) <= limit else text[: limit - 1] + "…"
 

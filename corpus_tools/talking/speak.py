@@ -409,7 +409,7 @@ def _read_markers(look: Look, tracks: ParameterTracks | None) -> MarkerTracks:
         from mocap_fit.fitting import fit_speaker
 
         speaker = fit_speaker(look.face, look.layout, look.reference)
-        still, _ = speaker.remove_head_motion(markers)
+        still, _ = speaker.remove_head_motion(speaker.prepare(markers))
         still = still.select(speaker.binding.names)
         markers = still.replace(positions=speaker.binding.orientation.apply(still.positions))
     if tracks is not None and tracks.frames == markers.frames:

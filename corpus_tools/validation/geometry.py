@@ -8,18 +8,25 @@ from itertools import chain, combinations
 
 import numpy as np
 
-from corpus_tools.validation import shapes
 from corpus_tools.validation.findings import Finding, Location, locate
 from corpus_tools.validation.markers import collect_evidence
-from corpus_tools.validation.shapes import Fitted, Stilled
+from corpus_tools.validation.shapes import Stilled
 from corpus_tools.validation.slips import find_slips
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.fitting import Layout
+from mocap_fit.fitting.coordinates import locate_expected
+from mocap_fit.head.alignment import (
+    Alignment,
+    align_shapes,
+    compute_angle,
+    describe_axes,
+    describe_directions,
+    guess_unit,
+)
 from mocap_fit.tracks import FloatArray, MarkerTracks, compute_spread, estimate_rigid_transforms
 from mocap_fit.tracks.interpolation import find_runs
 from mocap_fit.tracks.rigid_sets import compute_median, compute_typical_shape
 
-_UNITS = {1000.0: "metres", 100.0: "decimetres", 10.0: "centimetres", 25.4: "inches"}
 # Recordings that tell what is usual in a session.
 _FEWEST = 3
 
@@ -49,7 +56,7 @@ class Shape:
     names: tuple[str, ...]
     head: tuple[str, ...]
     placed: FloatArray
-    against_layout: Fitted | None
+    against_layout: Alignment | None
     varies: bool
 
 
@@ -83,8 +90,8 @@ def summarise(
     fitted = None
     head: tuple[str, ...] = ()
     if layout is not None:
-        expected = shapes.locate_expected(layout, recording.names)
-        fitted = shapes.align_shapes(expected, still.placed, limits.shape.mirror_gain)
+        expected = locate_expected(layout, recording.names)
+        fitted = align_shapes(expected, still.placed, limits.shape.mirror_gain)
         head = tuple(m.name for m in layout.head_markers if m.name in recording.names)
     varies = layout is not None and layout.size_varies
     return Shape(location, recording.names, head, still.placed, fitted, varies)
@@ -229,7 +236,7 @@ def _estimate_session_shape(members: Sequence[Shape], limits: Thresholds) -> _Se
     aligned = placed
     rotations = []
     for _ in range(2):
-        fits = [shapes.align_shapes(one, base, limits.shape.mirror_gain) for one in placed]
+        fits = [align_shapes(one, base, limits.shape.mirror_gain) for one in placed]
         rotations = [None if f is None or f.mirrored else f.matrix for f in fits]
         aligned = np.full(placed.shape, np.nan)
         for row, (one, fit) in enumerate(zip(placed, fits, strict=True)):
@@ -239,7 +246,7 @@ def _estimate_session_shape(members: Sequence[Shape], limits: Thresholds) -> _Se
     usable = [r for r in rotations if r is not None]
     if len(usable) < _FEWEST:
         return None
-    angles = [sum(_compute_angle(one @ other.T) for other in usable) for one in usable]
+    angles = [sum(compute_angle(one @ other.T) for other in usable) for one in usable]
     usual = usable[int(np.argmin(angles))]
     sizes = np.array([_compute_size(one) for one in placed])
     # `base` has the size of the recording that came first: give it the session's.
@@ -254,11 +261,7 @@ def _compute_size(points: FloatArray) -> float:
     return float(np.sqrt((compute_spread(points) ** 2).sum()))
 
 
-def _compute_angle(matrix: FloatArray) -> float:
-    return float(np.degrees(np.arccos(np.clip((np.trace(matrix) - 1) / 2, -1.0, 1.0))))
-
-
-def _align(points: FloatArray, fit: Fitted, target: FloatArray) -> FloatArray:
+def _align(points: FloatArray, fit: Alignment, target: FloatArray) -> FloatArray:
     """Points laid on the target as the fit says, by the points whose distances are small."""
     turned = fit.scale * points @ fit.matrix.T
     usual = max(1.5 * float(np.nanmedian(fit.distances)), 1e-9)
@@ -268,15 +271,10 @@ def _align(points: FloatArray, fit: Fitted, target: FloatArray) -> FloatArray:
     return np.asarray(turned + shift)
 
 
-def _guess_unit(ratio: float) -> str:
-    for factor, unit in _UNITS.items():
-        for value, words in (
-            (ratio * factor, f"it seems to be in {unit}, read as millimetres"),
-            (ratio / factor, f"it seems to be in millimetres, read as {unit}"),
-        ):
-            if 0.75 < value < 1.35:
-                return f"; {words}"
-    return ""
+def _name_unit(ratio: float) -> str:
+    """Return a guessed unit as the end of a sentence."""
+    words = guess_unit(ratio)
+    return f"; {words}" if words else ""
 
 
 def _check_size(member: Shape, middle: _Session | None, limits: Thresholds) -> Iterator[Finding]:
@@ -288,7 +286,7 @@ def _check_size(member: Shape, middle: _Session | None, limits: Thresholds) -> I
         if not rules.smallest_face <= ratio <= rules.largest_face:
             text = f"markers reach over {height / 1000:.3g} m, {ratio:.3g} times the layout's face"
             expected = f"{rules.smallest_face:g} to {rules.largest_face:g} times"
-            yield Finding("MF121", member.location, text + _guess_unit(ratio), expected)
+            yield Finding("MF121", member.location, text + _name_unit(ratio), expected)
             return
     elif not rules.smallest_extent <= height <= rules.largest_extent:
         expected = f"{rules.smallest_extent:g} to {rules.largest_extent:g} mm"
@@ -300,7 +298,7 @@ def _check_size(member: Shape, middle: _Session | None, limits: Thresholds) -> I
     complete = np.isnan(_order_points(member, middle.names)[:, 0]).sum() <= 0.2 * len(middle.names)
     allowed = rules.size_in_session_video if member.varies else rules.size_in_session
     if complete and abs(ratio - 1) > allowed:
-        text = f"{ratio:.3g} times the size of the session's other recordings{_guess_unit(ratio)}"
+        text = f"{ratio:.3g} times the size of the session's other recordings{_name_unit(ratio)}"
         yield Finding("MF121", member.location, text, f"within {allowed:.0%} of it")
 
 
@@ -315,11 +313,11 @@ def _check_axes(member: Shape, middle: _Session | None, limits: Thresholds) -> I
             yield _describe_mirrored(member, against).replace(advice=advice)
         return
     here = _order_points(member, middle.names)
-    fit = shapes.align_shapes(middle.shape, here, limits.shape.mirror_gain)
+    fit = align_shapes(middle.shape, here, limits.shape.mirror_gain)
     if fit is None:
         return
     if fit.mirrored:
-        kind, words = shapes.describe_axes(fit.matrix)
+        kind, words = describe_axes(fit.matrix)
         # Exchanged names leave the head where it was; a reversed axis does not.
         centre = compute_median(here)
         size = _compute_size(middle.shape)
@@ -330,8 +328,8 @@ def _check_axes(member: Shape, middle: _Session | None, limits: Thresholds) -> I
         code = "MF122" if kind in ("same", "reversed") else "MF123"
         text = f"against the session's other recordings, {words}"
         yield Finding(code, member.location, text, "the same axes and names")
-    elif (angle := _compute_angle(fit.matrix)) > limits.shape.turned:
-        _, words = shapes.describe_axes(fit.matrix)
+    elif (angle := compute_angle(fit.matrix)) > limits.shape.turned:
+        _, words = describe_axes(fit.matrix)
         text = (
             f"the head is turned by {angle:.0f} degrees against the session's other recordings "
             f"({words})"
@@ -341,8 +339,8 @@ def _check_axes(member: Shape, middle: _Session | None, limits: Thresholds) -> I
         yield _describe_mirrored(member, against)
 
 
-def _describe_mirrored(member: Shape, against: Fitted) -> Finding:
-    text = f"a face's mirror image ({shapes.describe_directions(against.matrix)})"
+def _describe_mirrored(member: Shape, against: Alignment) -> Finding:
+    text = f"a face's mirror image ({describe_directions(against.matrix)})"
     expected = "axes of a right hand, and the speaker's own left and right"
     return Finding("MF122", member.location, text, expected)
 
@@ -359,7 +357,7 @@ def _check_positions(member: Shape, middle: _Session, limits: Thresholds) -> Ite
             text = f"{odd[1]:.1f} mm from where the session's other recordings have it"
             expected = f"at most {rules.slip_in_session} mm"
             yield Finding("MF125", member.location.at(middle.names[head[odd[0]]]), text, expected)
-    fit = shapes.align_shapes(here, middle.shape, rules.mirror_gain)
+    fit = align_shapes(here, middle.shape, rules.mirror_gain)
     if fit is None or fit.mirrored:
         return
     moved = _align(here, fit, middle.shape)

@@ -16,7 +16,9 @@ from mocap_fit._version import __version__
 from mocap_fit.errors import ConfigurationError, DataError, add_path
 from mocap_fit.face import Rig, load_face, to_parameters
 from mocap_fit.fitting.binding import Binding, bind_markers
+from mocap_fit.fitting.coordinates import check_recording, check_reference
 from mocap_fit.fitting.layout import Layout, load_layout
+from mocap_fit.fitting.marker_names import match_names
 from mocap_fit.fitting.objective import Objective
 from mocap_fit.fitting.orientation import fit_orientation
 from mocap_fit.fitting.over_time import fit_over_time
@@ -109,6 +111,7 @@ class Speaker:
         solver: str = NEWTON_NLOPT,
         refine_pose: bool = False,
         smooth: bool = False,
+        allow_mirrored: bool = False,
         progress: Callable[[int], object] | None = None,
     ) -> SpeakerFit:
         """Remove the head's motion from a recording and fit the face to its frames.
@@ -126,6 +129,8 @@ class Speaker:
             Whether a correction of the head's pose is fitted together with the shape.
         smooth
             Whether `fit_over_time` fits all frames together afterwards.
+        allow_mirrored
+            Whether a mirror image of the reference pose is turned round, and not refused.
         progress
             Called with the number of frames done so far.
 
@@ -137,11 +142,11 @@ class Speaker:
         Raises
         ------
         DataError
-            If markers are missing, or no frame can be fitted.
+            If markers are missing, the recording is mirrored, or no frame can be fitted.
         ConfigurationError
             If a setting is unknown or out of range.
         """
-        still, motion = self.remove_head_motion(tracks)
+        still, motion = self.remove_head_motion(self.prepare(tracks, allow_mirrored=allow_mirrored))
         shape = self.fit_shape(
             still,
             objective=objective,
@@ -151,6 +156,34 @@ class Speaker:
             progress=progress,
         )
         return SpeakerFit(shape, motion)
+
+    def prepare(self, tracks: MarkerTracks, *, allow_mirrored: bool = False) -> MarkerTracks:
+        """Bring a recording to the names and the handedness of the reference pose, or refuse it.
+
+        Parameters
+        ----------
+        tracks
+            Recording with the markers of the layout.
+        allow_mirrored
+            Whether a mirror image of the reference pose is turned round, and not refused.
+
+        Returns
+        -------
+        MarkerTracks
+            Recording with the names of the layout.
+
+        Raises
+        ------
+        DataError
+            If markers are missing, or the recording is mirrored.
+
+        Warns
+        -----
+        MocapFitWarning
+            If it was turned round, or has another size or other axes than the reference pose.
+        """
+        tracks = match_names(self.layout, tracks)
+        return check_recording(self.layout, self.reference, tracks, allow_mirrored=allow_mirrored)
 
     def remove_head_motion(self, tracks: MarkerTracks) -> tuple[MarkerTracks, HeadMotion]:
         """Bring a recording to the coordinates of the reference pose.
@@ -290,7 +323,11 @@ class Speaker:
 
 
 def fit_speaker(
-    face: Rig | str | Path, layout: Layout | str | Path, reference: MarkerTracks | str | Path
+    face: Rig | str | Path,
+    layout: Layout | str | Path,
+    reference: MarkerTracks | str | Path,
+    *,
+    allow_mirrored: bool = False,
 ) -> Speaker:
     """Prepare a speaker: fit the orientation of the reference pose and bind the markers.
 
@@ -302,6 +339,8 @@ def fit_speaker(
         A marker layout, or what `load_layout` takes: the name of one, or its file.
     reference
         The reference pose, or a file of it: the median over its frames is used.
+    allow_mirrored
+        Whether a face's mirror image is turned round, and not refused.
 
     Returns
     -------
@@ -311,7 +350,8 @@ def fit_speaker(
     Raises
     ------
     DataError
-        If the reference pose lacks markers of the layout, or they cannot be laid on the face.
+        If the reference pose lacks markers of the layout, is a face's mirror image, or cannot be
+        laid on the face.
     ConfigurationError
         If the layout or the face is wrong, or they do not fit each other.
     FileFormatError
@@ -340,21 +380,14 @@ def fit_speaker(
     # Errors name the file that the user can mend.
     layout_path = (markers.name or "layout") if isinstance(layout, Layout) else layout
     reference_path = (pose.name or "reference") if pose is reference else str(reference)
-    absent = [m.name for m in markers.markers if m.name not in pose.names]
-    if absent:
-        raise DataError(
-            f"the reference pose lacks {len(absent)} of the {len(markers.markers)} markers of "
-            f"the layout '{markers.name}': {', '.join(absent)}",
-            path=reference_path,
-            found=", ".join(pose.names),
-            advice="Choose the layout that it was recorded with, or correct the names.",
-        )
     try:
         to_parameters(markers.reference_parameters, rig.parameter_names)
     except DataError as error:
         raise add_path(error, layout_path) from None
     try:
+        pose = match_names(markers, pose, complete=True)
         _check_head_markers(markers, pose)
+        pose = check_reference(markers, pose, allow_mirrored=allow_mirrored)
         orientation = fit_orientation(rig, markers, pose)
         binding = bind_markers(rig, markers, pose, orientation)
     except DataError as error:

@@ -97,7 +97,7 @@ def name_tracks(
         If labels are equal, or a subject is wanted and no label has one.
     """
     texts = [str(label).strip() for label in labels]
-    parts = [_split_subject(text) for text in texts]
+    parts = [split_subject(text) for text in texts]
     columns = tuple(range(len(texts)))
     if subject is not None:
         columns = _find_subject(parts, subject.strip(), path, noun, line)
@@ -219,18 +219,42 @@ def suggest_names(name: str, names: Sequence[str]) -> str | None:
     str or None
         A sentence with one to three names; None where none is like it.
     """
-    plain = {_to_plain(other): other for other in reversed(names)}
-    close = difflib.get_close_matches(_to_plain(name), plain, 3)
+    plain = {to_plain(other): other for other in reversed(names)}
+    close = difflib.get_close_matches(to_plain(name), plain, 3)
     return f"Did you mean {' or '.join(plain[match] for match in close)}?" if close else None
 
 
-def _to_plain(name: str) -> str:
-    """Return a name without its subject, case, blanks and punctuation."""
+def to_plain(name: str) -> str:
+    """Return a name without its subject, case, blanks and punctuation, to compare it.
+
+    Parameters
+    ----------
+    name
+        The name.
+
+    Returns
+    -------
+    str
+        What is left; the name itself where nothing is.
+    """
     return re.sub(r"[\W_]+", "", name.rpartition(":")[2].casefold()) or name
 
 
-def _split_subject(label: str) -> tuple[str | None, str]:
-    """Return the subject in a label, None without one, and the rest."""
+def split_subject(label: str) -> tuple[str | None, str]:
+    """Split a label into its subject and the rest.
+
+    Parameters
+    ----------
+    label
+        Such as ``Ann:chin``.
+
+    Returns
+    -------
+    subject : str or None
+        None where there is no prefix.
+    rest : str
+        The label without it.
+    """
     owner, colon, rest = label.partition(":")
     owner, rest = owner.strip(), rest.strip()
     return (owner, rest) if colon and owner and rest else (None, label)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from corpus_tools.validation import Context, Location, load_thresholds, shapes
+from corpus_tools.validation import Context, Location, load_thresholds
 from corpus_tools.validation.exchanges import find_exchanges
 from corpus_tools.validation.slips import find_slips
 from corpus_tools.validation.subject import check_recording
@@ -103,46 +103,6 @@ class TestCoordinates:
             MarkerTracks(tuple("abcdefgh"), RATE, still), Context(LIMITS), Location("x")
         )
         assert findings == []
-
-
-class TestShapes:
-    @settings(deadline=None, max_examples=40)
-    @given(
-        turn=st.tuples(*[st.floats(-3, 3)] * 3),
-        scale=st.floats(0.01, 100.0),
-        mirrored=st.booleans(),
-        seed=st.integers(0, 1000),
-    )
-    def test_a_shape_is_laid_on_its_copy(self, turn, scale, mirrored, seed):
-        rng = np.random.default_rng(seed)
-        source = rng.normal(0.0, 40.0, (12, 3))
-        matrix = Rotation.from_rotvec(turn).as_matrix()
-        matrix = matrix @ np.diag([-1.0, 1.0, 1.0]) if mirrored else matrix
-        target = scale * source @ matrix.T + 500.0
-        target[3] += 30.0 * scale
-        fit = shapes.align_shapes(source, target, 0.6)
-        assert fit.mirrored == mirrored
-        assert fit.scale == pytest.approx(scale, rel=0.02)
-        assert np.allclose(fit.matrix, matrix, atol=0.06)
-        assert int(np.argmax(fit.distances)) == 3
-
-    def test_points_on_a_line_tell_nothing(self):
-        line = np.arange(12.0)[:, None] * [1.0, 2.0, 3.0]
-        assert shapes.align_shapes(line, line, 0.6) is None
-
-    @pytest.mark.parametrize(
-        ("matrix", "kind", "words"),
-        [
-            (np.eye(3), "same", "the axes are the same"),
-            (np.diag([-1.0, 1.0, 1.0]), "reversed", "x is reversed"),
-            (np.diag([-1.0, 1.0, -1.0]), "reversed", "x and z are reversed"),
-            (np.eye(3)[[0, 2, 1]], "exchanged", "y and z are exchanged"),
-            (np.eye(3)[[1, 2, 0]], "turned", "x is y, y is z, z is x of the others"),
-        ],
-    )
-    def test_axes_in_words(self, matrix, kind, words):
-        leaning = Rotation.from_euler("xyz", [10, -12, 8], degrees=True).as_matrix()
-        assert shapes.describe_axes(leaning @ matrix) == (kind, words)
 
 
 class TestSlips:
