@@ -68,9 +68,9 @@ class MocapFitError(Exception):
         text += self.problem
         comparison = []
         if self.found is not None:
-            comparison.append(f"found {_shorten(self.found)}")
+            comparison.append(f"found {shorten(self.found)}")
         if self.expected is not None:
-            comparison.append(f"expected {_shorten(self.expected)}")
+            comparison.append(f"expected {shorten(self.expected)}")
         if comparison:
             text += f" ({', '.join(comparison)})"
         if self.advice:
@@ -83,9 +83,23 @@ _LONGEST_ITEM = 40
 _MOST_ITEMS = 40
 
 
-def _shorten(value: object, limit: int = 200) -> str:
+def shorten(value: object, limit: int = 200) -> str:
+    """Return the text of a value, cut where it is long.
+
+    Parameters
+    ----------
+    value
+        Anything that a message shows, such as a label of a file; a list shows its first items.
+    limit
+        Characters at most; those of a list are limited each.
+
+    Returns
+    -------
+    str
+        The text; its last character is an ellipsis where it was cut.
+    """
     if isinstance(value, list):
-        items = [_shorten(item, _LONGEST_ITEM) for item in value[:_MOST_ITEMS]]
+        items = [shorten(item, _LONGEST_ITEM) for item in value[:_MOST_ITEMS]]
         more = len(value) - len(items)
         return ", ".join(items) + (f" and {more} more" if more else "")
     text = str(value)

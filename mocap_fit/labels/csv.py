@@ -1,6 +1,8 @@
 """Labels as a table: start, end, phone, and optional stress, word and more, one row a phone.
 
-Every column after start and end is a tier, and all tiers have the same times.
+Every column after start and end is a tier, and all tiers have the same times. Tables with a row an
+entry and a column for its tier are read too: those of the Montreal aligner (Begin, End, Label,
+Type, Speaker) and of Praat (tmin, tier, text, tmax).
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from mocap_fit.errors import DataError, FileFormatError
+from mocap_fit.errors import DataError, FileFormatError, shorten
 from mocap_fit.labels.text import (
     format_number,
     get_only,
@@ -20,14 +22,23 @@ from mocap_fit.labels.text import (
     read_label_text,
     refuse_characters,
 )
-from mocap_fit.labels.tiers import find_phone_tier, get_texts, warn_left_out
+from mocap_fit.labels.tiers import (
+    PHONE_TIER_NAMES,
+    WORD_TIER_NAMES,
+    find_phone_tier,
+    get_texts,
+    warn_left_out,
+)
 from mocap_fit.labels.types import Label, Labels, Tier
 
-description = "table of start, end, phone, stress, word"
+description = "table of start, end, phone, stress, word; table of an aligner or of Praat"
 extensions = (".csv",)
 
 _STARTS = ("start", "begin", "onset", "start_time", "tmin", "xmin")
 _ENDS = ("end", "offset", "stop", "end_time", "tmax", "xmax")
+_TEXTS = ("label", "text")
+# A column "type" may say anything of a phone; it names tiers where one of them is known.
+_TIERS = ("tier", "type")
 _DELIMITERS = (",", ";", "\t")
 
 
@@ -82,7 +93,8 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     Returns
     -------
     tuple of Labels
-        The only utterance of the file.
+        The only utterance of the file; of an aligner's table with several speakers, one of each,
+        with the speaker's name.
 
     Raises
     ------
@@ -97,23 +109,26 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
                 "the columns of the table are not named",
                 path=path,
                 line=1,
-                found=f"'{content.split(chr(10), 1)[0]}'",
+                found=f"'{shorten(content.split(chr(10), 1)[0])}'",
                 expected="start,end,phone and optionally stress,word",
                 advice="Add the line of names; times are seconds.",
             )
-        return (
-            _parse_table(csv.reader(io.StringIO(content), delimiter=delimiter), delimiter, path),
-        )
+        rows = csv.reader(io.StringIO(content, newline=""), delimiter=delimiter)
+        return _parse_table(rows, delimiter, path)
     except csv.Error as error:
         raise FileFormatError("this is not a table", path=path, found=error) from None
 
 
-def _parse_table(rows: csv._reader, delimiter: str, path: str | os.PathLike[str]) -> Labels:  # type: ignore[name-defined]
+def _parse_table(
+    rows: csv._reader,  # type: ignore[name-defined]
+    delimiter: str,
+    path: str | os.PathLike[str],
+) -> tuple[Labels, ...]:
     names = next(rows)
     columns = _find_time_columns(names)
     assert columns is not None
-    others = [column for column in range(len(names)) if column not in columns]
-    entries: list[list[Label]] = [[] for _ in others]
+    times: list[tuple[float, float]] = []
+    cells: list[list[str]] = []
     for row in rows:
         line, count = rows.line_num, len(row)
         if not any(cell.strip() for cell in row):
@@ -121,16 +136,53 @@ def _parse_table(rows: csv._reader, delimiter: str, path: str | os.PathLike[str]
         if count != len(names):
             problem = "the row has another number of columns than the first"
             raise FileFormatError(problem, path=path, line=line, found=count, expected=len(names))
-        times = [row[column] for column in columns]
+        texts = [row[column] for column in columns]
         if delimiter != ",":
-            times = [time.replace(",", ".") for time in times]
-        start, end = (parse_seconds(time, path, line) for time in times)
-        for tier, column in zip(entries, others, strict=True):
-            tier.append(Label(start, end, row[column]))
-    pairs = zip(others, entries, strict=True)
-    tiers = [Tier(names[column].strip(), tuple(tier)) for column, tier in pairs]
+            texts = [text.replace(",", ".") for text in texts]
+        start, end = (parse_seconds(text, path, line) for text in texts)
+        times.append((start, end))
+        cells.append(row)
+    name = Path(path).stem
+    parts = _find_parts(names, cells)
+    if parts is None:
+        tiers = [
+            Tier(title.strip(), tuple(Label(*t, r[c]) for t, r in zip(times, cells, strict=True)))
+            for c, title in enumerate(names)
+            if c not in columns
+        ]
+        return (_create_labels(tiers, name),)
+    text, tier, speaker = parts
+    speakers: dict[str, dict[str, list[Label]]] = {}
+    for pair, row in zip(times, cells, strict=True):
+        of_speaker = speakers.setdefault("" if speaker is None else row[speaker], {})
+        of_speaker.setdefault(row[tier], []).append(Label(*pair, row[text]))
+    return tuple(
+        _create_labels(
+            [Tier(title, tuple(entries)) for title, entries in tiers_of_speaker.items()],
+            name if len(speakers) == 1 else title_of_speaker,
+        )
+        for title_of_speaker, tiers_of_speaker in speakers.items()
+    )
+
+
+def _find_parts(
+    names: Sequence[str], cells: Sequence[Sequence[str]]
+) -> tuple[int, int, int | None] | None:
+    """Return the columns of text, tier and speaker in a table with a row an entry."""
+    plain = [name.strip().casefold() for name in names]
+    texts = [plain.index(name) for name in _TEXTS if name in plain]
+    tiers = [plain.index(name) for name in _TIERS if name in plain]
+    if not texts or not tiers:
+        return None
+    types = {row[tiers[0]].strip().casefold() for row in cells}
+    if plain[tiers[0]] == "type" and not types & (PHONE_TIER_NAMES | WORD_TIER_NAMES):
+        return None
+    return texts[0], tiers[0], plain.index("speaker") if "speaker" in plain else None
+
+
+def _create_labels(tiers: Sequence[Tier], name: str) -> Labels:
     end = max((entry.end for tier in tiers for entry in tier.entries), default=0.0)
-    return Labels(tuple(tiers), 0.0, end, name=Path(path).stem)
+    return Labels(tuple(tiers), 0.0, end, name=name)
 
 
 def to_text(

@@ -1,10 +1,12 @@
 """ESPS .lab (xwaves, Festival): end time, colour and label, after a header that ends with '#'.
 
-A label begins where the one before it ends, the first at 0.
+A label begins where the one before it ends, the first at 0. The header may be missing, where every
+line has the same colour.
 """
 
 from __future__ import annotations
 
+import operator
 import os
 import re
 from collections.abc import Sequence
@@ -26,13 +28,15 @@ from mocap_fit.labels.types import Label, Labels, Tier
 description = "ESPS .lab (xwaves, Festival), end times in seconds"
 extensions = (".lab", ".esps")
 
-_LINE = re.compile(r"([-+.\deE]+)[ \t]+(-?\d+)(?:[ \t]+(.*))?")
+_LINE = re.compile(r"([-+.0-9eE]++)[ \t]++(-?[0-9]++)(?:[ \t]++(.*+))?")
 _USUAL_HEADER = ("separator ;", "nfields 1")
 _USUAL_COLOUR = "26"
 
 
 def sniff(path: str | os.PathLike[str]) -> bool:
-    """Return whether a line of '#' ends a header, and an end time and a colour follow.
+    """Return whether end times and colours follow a header that ends with '#'.
+
+    Without a header, all lines must have one colour, and times that increase.
 
     Parameters
     ----------
@@ -46,10 +50,24 @@ def sniff(path: str | os.PathLike[str]) -> bool:
     """
     lines = [line.strip() for line in read_head_lines(path)]
     if "#" not in lines:
-        return False
+        return _has_one_colour([line for line in lines if line])
     position = lines.index("#")
     after = next((line for line in lines[position + 1 :] if line), None)
     return after is None or _LINE.fullmatch(after) is not None
+
+
+def _has_one_colour(lines: Sequence[str]) -> bool:
+    matches = [_LINE.fullmatch(line) for line in lines]
+    ends, colours = [0.0], set()
+    for match in matches:
+        if match is None:
+            return False
+        try:
+            ends.append(float(match[1]))
+        except ValueError:
+            return False
+        colours.add(match[2])
+    return len(lines) > 1 and len(colours) == 1 and all(map(operator.lt, ends, ends[1:]))
 
 
 def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[Labels, ...]:
@@ -73,12 +91,13 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
         If the header has no end, or a line is not a time, a colour and a label.
     """
     lines = [line.strip() for line in read_label_text(path).split("\n")]
-    if "#" not in lines:
+    has_header = "#" in lines
+    if not has_header and not _has_one_colour([line for line in lines if line]):
         expected = "a line with only '#', then lines of end time, colour and label"
         advice = "Export it again; if the times are those of HTK, give reader='htk-lab'."
         raise FileFormatError("the header has no end", path=path, expected=expected, advice=advice)
-    position = lines.index("#")
-    header = tuple(line for line in lines[:position] if line)
+    position = lines.index("#") if has_header else -1
+    header = tuple(line for line in lines[: max(position, 0)] if line)
     entries = []
     reached = 0.0
     for number, line in enumerate(lines[position + 1 :], start=position + 2):

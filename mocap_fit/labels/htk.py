@@ -1,7 +1,8 @@
 """Labels of HTK: one utterance in a .lab or .rec, many in a master label file (.mlf).
 
 A line is ``start end name [score] {name [score]}``, its times in units of 100 ns. The further
-names are those of higher levels, such as words, each at its first phone.
+names are those of higher levels, such as words, each at its first phone. Of names with their
+contexts, as HTK and HTS write them, the phone in the middle is read; see `htk_names`.
 """
 
 from __future__ import annotations
@@ -9,12 +10,15 @@ from __future__ import annotations
 import bisect
 import os
 import re
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
-from mocap_fit.errors import FileFormatError
+from mocap_fit.errors import FileFormatError, MocapFitWarning, shorten
+from mocap_fit.labels.htk_names import extract_centres, has_states, merge_states
 from mocap_fit.labels.text import (
     get_only,
+    parse_seconds,
     read_head_lines,
     read_label_text,
     refuse_characters,
@@ -23,7 +27,7 @@ from mocap_fit.labels.text import (
 from mocap_fit.labels.tiers import find_phone_tier, warn_left_out
 from mocap_fit.labels.types import Label, Labels, Tier
 
-description = "HTK .lab, times in 100 ns"
+description = "HTK or HTS .lab, times in 100 ns; of names in context the centre phone"
 extensions = (".lab", ".rec")
 
 RATE = 1e7
@@ -31,9 +35,14 @@ RATE = 1e7
 NO_NAME = "!NULL"
 """Name that ends a word without beginning another."""
 
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-_TIMES = re.compile(r"-?\d{1,18}[ \t]+-?\d{1,18}[ \t]+\S.*")
-_TOKEN = re.compile(r"[ \t]*(?:\"((?:[^\"\\]|\\.)*)\"|'((?:[^'\\]|\\.)*)'|((?:[^ \t\\]|\\.)+))")
+# Levels of names that HTK writes: states, models, words, and some more. More is a transcript.
+_MOST_LEVELS = 8
+_SHORTEST_UTTERANCE = 0.01
+
+_NUMBER = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?")
+_TIME = re.compile(r"-?[0-9]{1,18}")
+_TIMES = re.compile(r"-?[0-9]{1,18}[ \t]++-?[0-9]{1,18}[ \t]++\S.*+")
+_TOKEN = re.compile(r"[ \t]*+(?:\"((?:[^\"\\]|\\.)*+)\"|'((?:[^'\\]|\\.)*+)'|((?:[^ \t\\]|\\.)++))")
 _ESCAPE = re.compile(rb"\\([0-7]{3}|.)")
 
 # Start and end in units, then name and score of every level.
@@ -76,10 +85,17 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     ------
     FileFormatError
         If a line is not two times and a name.
+
+    Warns
+    -----
+    MocapFitWarning
+        If the labels last less than a hundredth of a second in units of 100 ns.
     """
     lines = enumerate(read_label_text(path).split("\n"), start=1)
     rows = [parse_row(line, number, path) for number, line in lines if line.strip()]
-    return (build_utterance(rows, Path(path).stem),)
+    utterances = (build_utterance(rows, Path(path).stem),)
+    warn_of_units(utterances, path)
+    return utterances
 
 
 def to_text(
@@ -152,15 +168,26 @@ def parse_row(line: str, number: int, path: str | os.PathLike[str]) -> Row:
         quoted = match[1] if match[1] is not None else match[2]
         tokens.append((_unescape(match[3] if quoted is None else quoted), quoted is None))
         position = match.end()
-    times = [token for token, plain in tokens[:2] if plain and re.fullmatch(r"-?\d{1,18}", token)]
+    times = [token for token, plain in tokens[:2] if plain and _TIME.fullmatch(token)]
     if len(times) < 2 or len(tokens) < 3:
         raise _create_row_error(line, number, path)
+    for token in times:
+        parse_seconds(token, path, number, RATE)
     levels: list[tuple[str, str]] = []
     for token, plain in tokens[2:]:
         if plain and _NUMBER.fullmatch(token) and levels and not levels[-1][1]:
             levels[-1] = (levels[-1][0], token)
         else:
             levels.append((token, ""))
+    if len(levels) > _MOST_LEVELS:
+        raise FileFormatError(
+            "the line holds too many names",
+            path=path,
+            line=number,
+            found=f"{len(levels)}: {line}",
+            expected=f"at most {_MOST_LEVELS}: a phone and the words above it",
+            advice="A sentence with its times is a transcript: align it with mocap-fit align.",
+        )
     return int(times[0]), int(times[1]), levels
 
 
@@ -169,7 +196,7 @@ def _create_row_error(line: str, number: int, path: str | os.PathLike[str]) -> F
         "this is not a label of HTK with times",
         path=path,
         line=number,
-        found=f"'{line}'",
+        found=f"'{shorten(line)}'",
         expected="start and end in units of 100 ns, then a name",
         advice="Labels without times are a transcript: align them with mocap-fit align.",
     )
@@ -205,10 +232,42 @@ def build_utterance(rows: Sequence[Row], name: str) -> Labels:
             elif named:
                 before = entries[-1]
                 entries[-1] = Label(before.start, last / RATE, before.text, before.extra)
-        name_of_tier = ("phone", "word")[level] if level < 2 else f"level {level + 1}"
-        tiers.append(Tier(name_of_tier, tuple(entries)))
+        tiers.append(entries)
     end = max((last for _, last, _ in rows), default=0) / RATE
-    return Labels(tuple(tiers), 0.0, end, name=name)
+    states = levels > 1 and has_states(tiers[0])
+    titles = (["state"] if states else []) + ["phone", "word"]
+    titles += [f"level {level + 1}" for level in range(len(titles), levels)]
+    phones = int(states)
+    tiers[phones] = merge_states(tiers[phones])
+    tiers[phones] = extract_centres(tiers[phones])
+    pairs = zip(titles, tiers, strict=False)
+    return Labels(tuple(Tier(title, tuple(tier)) for title, tier in pairs), 0.0, end, name=name)
+
+
+def warn_of_units(utterances: Sequence[Labels], path: str | os.PathLike[str]) -> None:
+    """Warn where the times are hardly in units of 100 ns, but samples or seconds.
+
+    Parameters
+    ----------
+    utterances
+        All utterances of a file.
+    path
+        The file.
+
+    Warns
+    -----
+    MocapFitWarning
+        If none lasts a hundredth of a second.
+    """
+    longest = max((labels.end for labels in utterances), default=0.0)
+    if 0 < longest < _SHORTEST_UTTERANCE:
+        warnings.warn(
+            f"{os.fspath(path)} lasts {1000 * longest:g} ms in HTK's units of 100 ns. If its times "
+            "are samples or seconds, name the format (reader='timit' with a rate, or "
+            "reader='seconds-lab').",
+            MocapFitWarning,
+            stacklevel=4,
+        )
 
 
 def _format_entry(entry: Label) -> str:

@@ -7,8 +7,8 @@ import re
 from collections.abc import Sequence
 from pathlib import PurePosixPath
 
-from mocap_fit.errors import DataError, FileFormatError
-from mocap_fit.labels.htk import Row, build_utterance, format_rows, parse_row
+from mocap_fit.errors import DataError, FileFormatError, shorten
+from mocap_fit.labels.htk import Row, build_utterance, format_rows, parse_row, warn_of_units
 from mocap_fit.labels.text import read_head_lines, read_label_text
 from mocap_fit.labels.types import Labels
 
@@ -56,11 +56,20 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     ------
     FileFormatError
         If a line is out of order, or an utterance comes twice.
+
+    Warns
+    -----
+    MocapFitWarning
+        If all labels last less than a hundredth of a second in units of 100 ns.
     """
     lines = [line.strip(" \t") for line in read_label_text(path).split("\n")]
     if lines[0] != _FIRST:
         raise FileFormatError(
-            "this is not a master label file", path=path, line=1, found=lines[0], expected=_FIRST
+            "this is not a master label file",
+            path=path,
+            line=1,
+            found=shorten(lines[0]),
+            expected=_FIRST,
         )
     entries: dict[str, Labels] = {}
     name: str | None = None
@@ -76,12 +85,14 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
                     "a name in quotation marks is missing",
                     path=path,
                     line=number,
-                    found=f"'{line}'",
+                    found=f"'{shorten(line)}'",
                     expected='such as "*/take_01.lab"',
                 )
             name, rows, others = _parse_name(match[1]), [], False
             if name in entries:
-                raise FileFormatError(f"the utterance '{name}' comes twice", path=path, line=number)
+                raise FileFormatError(
+                    f"the utterance '{shorten(name, 40)}' comes twice", path=path, line=number
+                )
         elif line == ".":
             entries[name] = build_utterance(rows, name)
             name = None
@@ -92,6 +103,7 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     if name is not None:
         # HTK allows the last full stop to be left out; a file cut short looks the same.
         entries[name] = build_utterance(rows, name)
+    warn_of_units(tuple(entries.values()), path)
     return tuple(entries.values())
 
 

@@ -9,9 +9,12 @@ import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
-from mocap_fit.errors import DataError, MocapFitWarning, add_path
+from mocap_fit.errors import DataError, MocapFitWarning, add_path, shorten
 from mocap_fit.labels.readers import read_labels
 from mocap_fit.labels.tiers import (
+    HOW_TO_CHOOSE,
+    SHORTEST_GAP,
+    FaultKind,
     LabelFault,
     fill_label_gaps,
     find_label_faults,
@@ -30,7 +33,7 @@ from mocap_fit.phones import (
 )
 
 SMALLEST_OVERLAP = 5e-4
-"""Seconds. Less is the rounding of the program that wrote the file, and is corrected."""
+"""Seconds. Less, overlap or gap, is the rounding of a program and is corrected."""
 
 _SHOWN = 5
 _GRAVE = ("overlap", "no duration", "negative duration", "order")
@@ -49,8 +52,9 @@ def read_phones(
 ) -> PhoneSequence:
     """Read the phones of an utterance from a file of labels.
 
-    Praat TextGrid, HTK .lab and .mlf, ESPS .lab, TIMIT .phn and CSV files are read, and the
-    formats of installed plug-ins. The content of the file decides which reader is used.
+    Praat TextGrid, HTK .lab and .mlf, ESPS .lab, .lab in seconds, TIMIT .phn, CSV and ELAN .eaf
+    files are read, and the formats of installed plug-ins. The content of the file decides which
+    reader is used.
 
     Parameters
     ----------
@@ -68,7 +72,7 @@ def read_phones(
     table
         Replacements for labels that the set lacks, by label.
     name
-        Name of the utterance, where the file holds several (.mlf).
+        Name of the utterance, where the file holds several (.mlf, or speakers in a CSV).
     reader
         Name of the format, such as ``textgrid``; determined from the file where not given.
     rate
@@ -94,7 +98,8 @@ def read_phones(
     Warns
     -----
     MocapFitWarning
-        If labels overlap by less than half a millisecond; the earlier one is shortened.
+        If labels overlap, or leave a gap, of less than half a millisecond; the earlier one is
+        shortened or prolonged.
 
     See Also
     --------
@@ -156,7 +161,8 @@ def to_phones(
     Warns
     -----
     MocapFitWarning
-        If labels overlap by less than half a millisecond; the earlier one is shortened.
+        If labels overlap, or leave a gap, of less than half a millisecond; the earlier one is
+        shortened or prolonged.
     """
     chosen = load_phone_set(phone_set) if isinstance(phone_set, str | Path) else phone_set
     phones = find_phone_tier(labels, chosen) if tier is None else labels.get_tier(tier)
@@ -164,10 +170,10 @@ def to_phones(
         raise DataError(
             f"the tier '{phones.name}' of '{labels.name}' holds moments, not phones",
             expected="a tier of intervals",
-            advice="Name another tier (tier=...).",
+            advice=HOW_TO_CHOOSE,
         )
     entries = _resolve_overlaps(labels, phones)
-    above = find_word_tier(labels) if words is None else labels.get_tier(words)
+    above = find_word_tier(labels, phones) if words is None else labels.get_tier(words)
     stresses = next((t for t in labels.tiers if t.name.strip().casefold() == "stress"), None)
     centres = [0.5 * (entry.start + entry.end) for entry in entries]
     spoken = get_texts(above, centres) if above not in (None, phones) else [""] * len(centres)
@@ -196,7 +202,7 @@ def _parse_stress(mark: str, entry: Label) -> int | None:
         return None
     if mark.strip() not in ("0", "1", "2"):
         raise DataError(
-            f"the stress of '{entry.text}' at {entry.start} s is unknown",
+            f"the stress of '{shorten(entry.text, 40)}' at {entry.start} s is unknown",
             found=mark,
             expected="0, 1, 2 or nothing",
         )
@@ -210,16 +216,25 @@ def _resolve_overlaps(labels: Labels, tier: Tier) -> list[Label]:
     if grave:
         raise _create_fault_error(grave, labels)
     entries = list(tier.entries)
-    for fault in faults:
-        before, after = entries[fault.entry - 1], entries[fault.entry]
+    corrected = []
+    for index, (before, after) in enumerate(itertools.pairwise(tier.entries), start=1):
+        gap = after.start - before.end
+        if gap == 0 or abs(gap) >= SMALLEST_OVERLAP:
+            continue
+        first, last = sorted((before.end, after.start))
+        kind: FaultKind = "gap" if gap > 0 else "overlap"
+        fault = LabelFault(kind, tier.name, index, first, last, after.text)
         # A label shorter than its overlap would vanish.
         if not before.start < after.start:
             raise _create_fault_error([fault], labels)
-        entries[fault.entry - 1] = dataclasses.replace(before, end=after.start)
-    if faults:
+        entries[index - 1] = dataclasses.replace(before, end=after.start)
+        if abs(gap) > SHORTEST_GAP:
+            corrected.append(fault)
+    if corrected:
         warnings.warn(
-            f"{len(faults)} labels of '{labels.name}' overlap by less than "
-            f"{1000 * SMALLEST_OVERLAP:g} ms and were corrected: {_list_faults(faults)}",
+            f"{len(corrected)} labels of '{labels.name}' overlap by less than "
+            f"{1000 * SMALLEST_OVERLAP:g} ms, or leave less than that between them, and were "
+            f"corrected: {_list_faults(corrected)}",
             MocapFitWarning,
             stacklevel=4,
         )

@@ -15,11 +15,15 @@ from typing import Protocol
 
 from mocap_fit.atomic_file import write_atomically
 from mocap_fit.errors import DataError, FileFormatError, MocapFitError, from_os_error
-from mocap_fit.io.text import check_file
+from mocap_fit.io.text import check_file, read_first_lines
+from mocap_fit.labels.text import read_head_lines
 from mocap_fit.labels.types import Labels
 from mocap_fit.registry import Registry
 
 LABEL_READERS = Registry("mocap_fit.label_readers", "label reader")
+
+# Extensions under which labels and transcripts are found.
+_TEXTS = (".lab", ".rec", ".txt", ".trn")
 
 
 class LabelReader(Protocol):
@@ -132,13 +136,34 @@ def find_label_reader(path: str | os.PathLike[str]) -> str:
     MocapFitWarning
         If a reader cannot be loaded; it is passed over.
     """
-    return LABEL_READERS.find(check_file(path), ambiguous_extensions=False)
+    file = check_file(path)
+    try:
+        return LABEL_READERS.find(file, ambiguous_extensions=False)
+    except FileFormatError:
+        if _is_transcript(file):
+            raise FileFormatError(
+                "this is a transcript: text without times",
+                path=path,
+                expected="labels with times",
+                advice="Align it with its sound: mocap-fit align SOUND --text FILE.",
+            ) from None
+        raise
+
+
+def _is_transcript(file: Path) -> bool:
+    """Whether a file is text of which no line begins with a number, and some have letters."""
+    if file.suffix.lower() not in _TEXTS:
+        return False
+    lines = [line.strip() for line in read_head_lines(file) or read_first_lines(file, 1)]
+    begins = [line.split(maxsplit=1)[0] for line in lines if line]
+    is_timed = any(begin[0] in "+-.0123456789#\\" for begin in begins)
+    return bool(begins) and not is_timed and any(c.isalpha() for line in lines for c in line)
 
 
 def read_all_labels(
     path: str | os.PathLike[str], *, reader: str | None = None, rate: float | None = None
 ) -> tuple[Labels, ...]:
-    """Read every utterance of a file of labels; only a .mlf has several.
+    """Read every utterance of a file; a .mlf has several, an aligner's CSV one a speaker.
 
     Parameters
     ----------
@@ -192,7 +217,7 @@ def read_labels(
     path
         File to read.
     name
-        Name of the utterance, where the file holds several (.mlf).
+        Name of the utterance, where the file holds several (.mlf, or speakers in a CSV).
     reader
         Name of the format, such as ``textgrid``; determined from the file where not given.
     rate
@@ -245,7 +270,7 @@ def write_labels(
         File to write; an existing one is replaced.
     reader
         Name of the format; determined from the extension where not given. A ``.lab`` is HTK's,
-        unless ``esps-lab`` is named.
+        unless ``esps-lab`` or ``seconds-lab`` is named.
     rate
         Sampling rate of formats that count samples (TIMIT), hertz; 16,000 where not given.
 

@@ -9,12 +9,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mocap_fit.errors import DataError, FileFormatError, MocapFitWarning, from_os_error
+from mocap_fit.errors import (
+    DataError,
+    FileFormatError,
+    MocapFitWarning,
+    from_os_error,
+    shorten,
+)
 from mocap_fit.io.text import check_file, read_head
 from mocap_fit.labels.types import Label, Labels
 
 LARGEST_FILE = 256 * 2**20
-"""Bytes. The labels of 1000 hours of speech in a .mlf fill less."""
+"""Bytes. The labels of 100 hours of speech in a .mlf fill less."""
+LARGEST_TIME = 1e6
+"""Seconds, about 12 days. What is longer has another unit, or is damaged."""
 
 
 def _detect_encoding(content: bytes) -> str | None:
@@ -26,6 +34,40 @@ def _detect_encoding(content: bytes) -> str | None:
         if zeros and zeros.count(0) > 0.7 * len(zeros):
             return encoding
     return None
+
+
+def read_label_bytes(path: str | os.PathLike[str]) -> bytes:
+    """Read the bytes of a file.
+
+    Parameters
+    ----------
+    path
+        File to read.
+
+    Returns
+    -------
+    bytes
+        The content.
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file.
+    FileFormatError
+        If the file is empty, cannot be read, or is far too large.
+    """
+    file = check_file(path)
+    try:
+        if file.stat().st_size > LARGEST_FILE:
+            raise FileFormatError(
+                "the file is too large for labels",
+                path=path,
+                found=f"{file.stat().st_size / 2**20:.0f} MB",
+                expected=f"at most {LARGEST_FILE // 2**20} MB",
+            )
+        return file.read_bytes()
+    except OSError as error:
+        raise from_os_error(error, path) from None
 
 
 def read_label_text(path: str | os.PathLike[str]) -> str:
@@ -53,18 +95,7 @@ def read_label_text(path: str | os.PathLike[str]) -> str:
     MocapFitWarning
         If it is neither UTF-8 nor UTF-16.
     """
-    file = check_file(path)
-    try:
-        if file.stat().st_size > LARGEST_FILE:
-            raise FileFormatError(
-                "the file is too large for labels",
-                path=path,
-                found=f"{file.stat().st_size / 2**20:.0f} MB",
-                expected=f"at most {LARGEST_FILE // 2**20} MB",
-            )
-        content = file.read_bytes()
-    except OSError as error:
-        raise from_os_error(error, path) from None
+    content = read_label_bytes(path)
     encoding = _detect_encoding(content)
     try:
         text = content.decode(encoding or "utf-8-sig")
@@ -135,8 +166,8 @@ def format_number(value: float) -> str:
     return np.format_float_positional(value + 0.0, trim="-")
 
 
-def parse_seconds(text: str, path: str | os.PathLike[str], line: int) -> float:
-    """Parse a time in seconds.
+def parse_seconds(text: str, path: str | os.PathLike[str], line: int, rate: float = 1.0) -> float:
+    """Parse a time.
 
     Parameters
     ----------
@@ -146,6 +177,8 @@ def parse_seconds(text: str, path: str | os.PathLike[str], line: int) -> float:
         File for the message.
     line
         Line for the message.
+    rate
+        Units of the text per second, hertz, such as samples.
 
     Returns
     -------
@@ -155,15 +188,20 @@ def parse_seconds(text: str, path: str | os.PathLike[str], line: int) -> float:
     Raises
     ------
     FileFormatError
-        If it is not a finite number.
+        If it is not a number, or is beyond `LARGEST_TIME`.
     """
     try:
-        value = float(text)
+        value = float(text) / rate
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
+    if not abs(value) <= LARGEST_TIME:
         raise FileFormatError(
-            "this is not a time", path=path, line=line, found=f"'{text}'", expected="seconds"
+            "this is not a time",
+            path=path,
+            line=line,
+            found=f"'{shorten(text, 40)}'",
+            expected=f"{'seconds' if rate == 1 else f'units of 1/{rate:g} s'}, not above "
+            f"{LARGEST_TIME:.0e} s",
         )
     return value
 
@@ -273,6 +311,6 @@ def create_line_error(
         f"this is not a label of {format_name}",
         path=path,
         line=line,
-        found=f"'{text}'",
+        found=f"'{shorten(text)}'",
         expected=expected,
     )

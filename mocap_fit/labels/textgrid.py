@@ -1,44 +1,49 @@
-"""Praat TextGrids, long and short, read and written without a change.
+"""Praat TextGrids, read and written without a change.
 
-As in Praat itself, only free-standing numbers, quoted strings and flags such as <exists> count;
-the names and signs around them are for people. So the long and the short form are read alike.
+Long, short, chronological and binary ones are read, long ones are written. As in Praat itself,
+only free-standing numbers, quoted strings and flags such as <exists> count; the names and signs
+around them are for people. So the long and the short form are read alike.
 praatio is not used to read, because it strips spaces from labels and looks for its keywords within
 them too; the tests compare with it.
 """
 
 from __future__ import annotations
 
-import math
 import os
-import re
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
-from mocap_fit.errors import FileFormatError
+from mocap_fit.errors import FileFormatError, MocapFitWarning, shorten
+from mocap_fit.io.text import read_head
+from mocap_fit.labels.praat_tokens import Tokens
 from mocap_fit.labels.text import (
     format_number,
     get_only,
     read_head_lines,
+    read_label_bytes,
     read_label_text,
     refuse_characters,
 )
+from mocap_fit.labels.textgrid_binary import SIGNATURE, check_class, read_binary
 from mocap_fit.labels.types import Label, Labels, Tier, TierKind
 
-description = "Praat TextGrid, long or short"
+description = "Praat TextGrid: long, short, chronological or binary"
 extensions = (".textgrid",)
 
-# A number or a flag stands free: between blanks. What is in square brackets ("intervals [3]:")
-# and what follows an exclamation mark is not read.
-_TOKEN = re.compile(
-    r'"(?P<text>[^"]*(?:""[^"]*)*)"|(?P<comment>![^\n]*)|(?P<word>[^\s"]+)', re.DOTALL
-)
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-_KINDS: dict[str, TierKind] = {"IntervalTier": "interval", "TextTier": "point"}
-_CLASSES = {kind: name for name, kind in _KINDS.items()}
+_CLASSES: dict[str, TierKind] = {"IntervalTier": "interval", "TextTier": "point"}
+_NAMES = {kind: name for name, kind in _CLASSES.items()}
+# Tiers of wrong size that a warning shows.
+_SHOWN = 5
+# Kind, name, start and end of a tier.
+_Head = tuple[TierKind, str, float, float]
+_CHRONOLOGICAL = "Praat chronological TextGrid text file"
 
 
 def sniff(path: str | os.PathLike[str]) -> bool:
-    """Return whether the first lines name a TextGrid.
+    """Return whether the first lines are those of an object of Praat.
+
+    Its other objects are refused by `read`, which says what they are.
 
     Parameters
     ----------
@@ -50,66 +55,16 @@ def sniff(path: str | os.PathLike[str]) -> bool:
     bool
         Whether it looks like a TextGrid.
     """
+    if read_head(path, len(SIGNATURE)) == SIGNATURE:
+        return True
     head = "\n".join(read_head_lines(path, 1024)[:4])
-    return "ooTextFile" in head and '"TextGrid"' in head
-
-
-class _Tokens:
-    """The numbers, strings and flags of a text, one after another."""
-
-    def __init__(self, text: str, path: str | os.PathLike[str]) -> None:
-        self.text, self.path = text, path
-        self.position = 0
-
-    def create_error(self, problem: str, value: object, expected: str) -> FileFormatError:
-        line = self.text.count("\n", 0, self.position) + 1
-        advice = "Open and save it in Praat, or mend the line."
-        return FileFormatError(
-            problem, path=self.path, line=line, found=value, expected=expected, advice=advice
-        )
-
-    def _read_token(self, expected: str) -> tuple[str, str]:
-        while match := _TOKEN.match(self.text, self._skip_blanks()):
-            self.position = match.end()
-            if (text := match["text"]) is not None:
-                return "text", text.replace('""', '"')
-            word = match["word"]
-            if word is None:
-                continue
-            if _NUMBER.fullmatch(word):
-                return "number", word
-            if word.startswith("<"):
-                return "flag", word
-        if self.position < len(self.text) and '"' in self.text[self.position :]:
-            raise self.create_error("a quotation mark has no end", "the end of the file", '"')
-        raise self.create_error("the file ends too early", "the end of the file", expected)
-
-    def _skip_blanks(self) -> int:
-        while self.position < len(self.text) and self.text[self.position].isspace():
-            self.position += 1
-        return self.position
-
-    def take(self, kind: str, expected: str) -> str:
-        actual, value = self._read_token(expected)
-        if actual != kind:
-            raise self.create_error("this TextGrid is damaged", f"{actual} '{value}'", expected)
-        return value
-
-    def take_time(self, expected: str) -> float:
-        value = float(self.take("number", expected))
-        if not math.isfinite(value):
-            raise self.create_error("this is not a time", value, "seconds")
-        return value
-
-    def take_count(self, expected: str) -> int:
-        value = self.take("number", expected)
-        if not value.isdigit():
-            raise self.create_error("this is not a number of entries", value, expected)
-        return int(value)
+    return '"ooTextFile' in head or head.startswith(f'"{_CHRONOLOGICAL}"')
 
 
 def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[Labels, ...]:
     """Read a TextGrid.
+
+    All that follows is read, whatever number of tiers and entries the file announces.
 
     Parameters
     ----------
@@ -127,42 +82,110 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     ------
     FileFormatError
         If the file is not a complete TextGrid.
+
+    Warns
+    -----
+    MocapFitWarning
+        If another number of tiers or entries follows than is announced.
     """
-    tokens = _Tokens(read_label_text(path), path)
-    tokens.take("text", 'File type = "ooTextFile"')
-    kind = tokens.take("text", 'Object class = "TextGrid"')
-    if kind.split()[:1] != ["TextGrid"]:
-        raise FileFormatError(
-            "this Praat file is not a TextGrid",
-            path=path,
-            found=kind,
-            expected="TextGrid",
-            advice="Save the TextGrid alone, not a collection.",
-        )
-    start, end = tokens.take_time("the start in seconds"), tokens.take_time("the end in seconds")
-    exists = tokens.take("flag", "<exists> or <absent>") == "<exists>"
-    count = tokens.take_count("the number of tiers") if exists else 0
-    tiers = [_read_tier(tokens, start, end) for _ in range(count)]
-    return (Labels(tuple(tiers), start, end, name=Path(path).stem),)
-
-
-def _read_tier(tokens: _Tokens, file_start: float, file_end: float) -> Tier:
-    kind_name = tokens.take("text", '"IntervalTier" or "TextTier"')
-    if kind_name not in _KINDS:
-        raise tokens.create_error("unknown class of tier", kind_name, "IntervalTier or TextTier")
-    name = tokens.take("text", "the tier's name")
-    start, end = tokens.take_time("the tier's start"), tokens.take_time("the tier's end")
-    entries = []
-    for _ in range(tokens.take_count("the number of entries")):
-        if _KINDS[kind_name] == "interval":
-            first = tokens.take_time("a start in seconds")
-            last = tokens.take_time("an end in seconds")
+    if read_head(path, len(SIGNATURE)) == SIGNATURE:
+        start, end, tiers = read_binary(read_label_bytes(path), path)
+    else:
+        tokens = Tokens(read_label_text(path), path)
+        tag = tokens.take("text", 'File type = "ooTextFile"')
+        if tag == _CHRONOLOGICAL:
+            start, end, tiers = _read_chronological(tokens)
+        elif tag.startswith("ooTextFile"):
+            check_class(tokens.take("text", 'Object class = "TextGrid"'), path)
+            start, end, tiers = _read_tiers(tokens)
         else:
-            first = last = tokens.take_time("a time in seconds")
-        entries.append(Label(first, last, tokens.take("text", "a quoted label")))
-    tier_start = None if start == file_start else start
-    tier_end = None if end == file_end else end
-    return Tier(name, tuple(entries), _KINDS[kind_name], tier_start, tier_end)
+            raise FileFormatError(
+                "this is not a TextGrid",
+                path=path,
+                line=1,
+                found=f"'{shorten(tag, 40)}'",
+                expected='File type = "ooTextFile"',
+            )
+    return (Labels(tiers, start, end, name=Path(path).stem),)
+
+
+def _read_tiers(tokens: Tokens) -> tuple[float, float, tuple[Tier, ...]]:
+    start, end = tokens.take_time("the start in seconds"), tokens.take_time("the end in seconds")
+    announced = 0
+    if tokens.take("flag", "<exists> or <absent>") == "<exists>":
+        announced = tokens.take_count("the number of tiers")
+    tiers: list[Tier] = []
+    wrong: list[str] = []
+    while tokens.kind == "text" or len(tiers) < announced:
+        tiers.append(_read_tier(tokens, start, end, wrong))
+    if len(tiers) > announced:
+        wrong.append(f"{announced} tiers are announced, {len(tiers)} follow")
+    if wrong:
+        warnings.warn(
+            f"{os.fspath(tokens.path)} announces other sizes than it has, and all that follows was "
+            f"read: {'; '.join(wrong[:_SHOWN])}{'; …' if len(wrong) > _SHOWN else ''}",
+            MocapFitWarning,
+            stacklevel=2,
+        )
+    return start, end, tuple(tiers)
+
+
+def _take_tier_head(tokens: Tokens) -> _Head:
+    if tokens.kind == "text" and tokens.value not in _CLASSES:
+        value = f"'{shorten(tokens.value, 40)}'"
+        raise tokens.create_error("unknown class of tier", value, " or ".join(_CLASSES))
+    kind = _CLASSES[tokens.take("text", '"IntervalTier" or "TextTier"')]
+    name = tokens.take("text", "the tier's name")
+    return kind, name, tokens.take_time("the tier's start"), tokens.take_time("the tier's end")
+
+
+def _take_entry(tokens: Tokens, kind: TierKind, where: str) -> Label:
+    first = last = tokens.take_time(f"a time in seconds ({where})")
+    if kind == "interval":
+        last = tokens.take_time(f"an end in seconds ({where})")
+    return Label(first, last, tokens.take("text", f"a quoted label ({where})"))
+
+
+def _create_tier(head: _Head, entries: list[Label], file: tuple[float, float]) -> Tier:
+    kind, name, *ends = head
+    start, end = (None if time == other else time for time, other in zip(ends, file, strict=True))
+    return Tier(name, tuple(entries), kind, start, end)
+
+
+def _read_tier(tokens: Tokens, file_start: float, file_end: float, wrong: list[str]) -> Tier:
+    kind, name, start, end = _take_tier_head(tokens)
+    announced = tokens.take_count("the number of entries")
+    entries: list[Label] = []
+    shown = shorten(name, 40)
+    while tokens.kind == "number":
+        entries.append(_take_entry(tokens, kind, f"entry {len(entries) + 1} of tier '{shown}'"))
+    if len(entries) != announced:
+        text = f"tier '{shown}' announces {announced} {kind}s, {len(entries)} follow"
+        last = max((entry.end for entry in entries), default=start)
+        if tokens.kind == "end" and kind == "interval" and len(entries) < announced and last < end:
+            value = f"{text}, up to {last:g} s"
+            raise tokens.create_error("the file ends too early", value, f"labels up to {end:g} s")
+        wrong.append(text)
+    return _create_tier((kind, name, start, end), entries, (file_start, file_end))
+
+
+def _read_chronological(tokens: Tokens) -> tuple[float, float, tuple[Tier, ...]]:
+    file = tokens.take_time("the start in seconds"), tokens.take_time("the end in seconds")
+    count = tokens.take_count("the number of tiers")
+    heads: list[_Head] = []
+    while len(heads) < count:
+        heads.append(_take_tier_head(tokens))
+    entries: list[list[Label]] = [[] for _ in heads]
+    while tokens.kind != "end":
+        number = tokens.value
+        index = tokens.take_count(f"the number of a tier, 1 to {count}") - 1
+        if not 0 <= index < count:
+            raise tokens.create_error("there is no such tier", number, f"1 to {count}")
+        where = f"entry {len(entries[index]) + 1} of tier {number}"
+        entries[index].append(_take_entry(tokens, heads[index][0], where))
+    pairs = zip(heads, entries, strict=True)
+    tiers = (_create_tier(head, labels, file) for head, labels in pairs)
+    return *file, tuple(tiers)
 
 
 def to_text(
@@ -208,7 +231,7 @@ def to_text(
         end = labels.end if tier.end is None else tier.end
         lines += [
             f"    item [{number}]:",
-            f'        class = "{_CLASSES[tier.kind]}" ',
+            f'        class = "{_NAMES[tier.kind]}" ',
             f"        name = {_quote(tier.name)} ",
             f"        xmin = {format_number(start)} ",
             f"        xmax = {format_number(end)} ",

@@ -10,17 +10,29 @@ from typing import Literal
 
 import numpy as np
 
-from mocap_fit.errors import DataError, MocapFitWarning
+from mocap_fit.errors import DataError, MocapFitWarning, shorten
 from mocap_fit.labels.types import Label, Labels, Tier
 from mocap_fit.phones import PhoneSet
 
-_PHONE_NAMES = "phone phones phoneme phonemes phn segment segments seg mau ipa sampa x-sampa"
-_WORD_NAMES = "word words wrd orthography orthographic ortography ort ort-mau text transcript"
+_PHONE_NAMES = (
+    "phone phones phoneme phonemes phonetic phn phonalign segment segments seg mau sound sounds "
+    "ipa sampa x-sampa"
+)
+_WORD_NAMES = (
+    "word words wrd orthography orthographic ortography ort ort-mau text transcript token tokens "
+    "tokensalign"
+)
 PHONE_TIER_NAMES = frozenset(_PHONE_NAMES.split(" "))
 WORD_TIER_NAMES = frozenset(_WORD_NAMES.split(" "))
 
 SHORTEST_GAP = 1e-6
 """Seconds; less is the rounding of numbers."""
+
+HOW_TO_CHOOSE = (
+    "Name the tier: tier=... in Python, --tier of mocap-fit speak, phones = ... under [labels] in "
+    "a manifest."
+)
+"""What a message says where the tier of phones is not clear."""
 
 _LONGEST_SYMBOL = 4
 _MOST = 0.8
@@ -62,7 +74,8 @@ class LabelFault:
         """Return a description of the fault."""
         return (
             f"{self.kind} at {self.start:.4f} to {self.end:.4f} s "
-            f"('{self.text}', entry {self.entry + 1} of tier '{self.tier}')"
+            f"('{shorten(self.text, 40)}', entry {self.entry + 1} of tier "
+            f"'{shorten(self.tier, 40)}')"
         )
 
 
@@ -120,13 +133,18 @@ def _find_tier_faults(tier: Tier, labels: Labels) -> list[LabelFault]:
     return faults
 
 
-def _simplify_name(name: str) -> str:
-    # The Montreal aligner writes "speaker - phones".
-    return name.rpartition(" - ")[2].strip().casefold()
+def _split_name(name: str) -> tuple[str, str]:
+    """Return the speaker and the kind in the name of a tier."""
+    # The Montreal aligner writes "speaker - phones", laboratories that use ELAN "phones@speaker".
+    speaker, separator, kind = name.rpartition(" - ")
+    if not separator:
+        kind, _, speaker = name.partition("@")
+    return speaker.strip(), kind.strip().casefold()
 
 
 def _select_named(labels: Labels, names: Collection[str]) -> list[Tier]:
-    return [t for t in labels.tiers if t.kind == "interval" and _simplify_name(t.name) in names]
+    tiers = [tier for tier in labels.tiers if tier.kind == "interval"]
+    return [tier for tier in tiers if _split_name(tier.name)[1] in names]
 
 
 def find_phone_tier(labels: Labels, phone_set: PhoneSet | None = None) -> Tier:
@@ -151,26 +169,39 @@ def find_phone_tier(labels: Labels, phone_set: PhoneSet | None = None) -> Tier:
     Raises
     ------
     DataError
-        If there is none; all tiers are listed.
+        If there is none, or several speakers have one; the tiers are listed.
     """
-    named = _select_named(labels, PHONE_TIER_NAMES)
     intervals = [tier for tier in labels.tiers if tier.kind == "interval"]
     if len(intervals) == 1:
         return intervals[0]
-    candidates = named or [
+    named = _select_named(labels, PHONE_TIER_NAMES)
+    spoken = [tier for tier in named if any(entry.text.strip() for entry in tier.entries)] or named
+    kinds = [_split_name(tier.name)[1] for tier in spoken]
+    if len(set(kinds)) < len(kinds):
+        raise DataError(
+            f"several tiers of '{labels.name}' hold phones",
+            found=_list_tiers(spoken),
+            expected="one, or the name of the one that is wanted",
+            advice=HOW_TO_CHOOSE,
+        )
+    candidates = spoken or [
         tier
         for tier in intervals
-        if _simplify_name(tier.name) not in WORD_TIER_NAMES | {"stress"}
+        if _split_name(tier.name)[1] not in WORD_TIER_NAMES | {"stress"}
         and _compute_phone_share(tier, phone_set) >= _MOST
     ]
     if not candidates:
         raise DataError(
             f"no tier of '{labels.name}' holds phones",
-            found=", ".join(f"'{tier.name}' ({tier.kind}s)" for tier in labels.tiers) or "no tier",
+            found=_list_tiers(labels.tiers) or "no tier",
             expected="a tier named 'phones', or with phones in it",
-            advice="Name the tier (tier=...).",
+            advice=HOW_TO_CHOOSE,
         )
     return max(candidates, key=lambda tier: len(tier.entries))
+
+
+def _list_tiers(tiers: Collection[Tier]) -> str:
+    return ", ".join(f"'{shorten(tier.name, 40)}' ({tier.kind}s)" for tier in tiers)
 
 
 def _compute_phone_share(tier: Tier, phone_set: PhoneSet | None) -> float:
@@ -184,20 +215,26 @@ def _compute_phone_share(tier: Tier, phone_set: PhoneSet | None) -> float:
     return sum(matches) / len(matches)
 
 
-def find_word_tier(labels: Labels) -> Tier | None:
+def find_word_tier(labels: Labels, phones: Tier | None = None) -> Tier | None:
     """Find the tier of words by its name.
 
     Parameters
     ----------
     labels
         Labels as read.
+    phones
+        Tier of the phones; of several tiers of words, that of the same speaker is chosen.
 
     Returns
     -------
     Tier or None
         The first such tier of intervals; None without one.
     """
-    return next(iter(_select_named(labels, WORD_TIER_NAMES)), None)
+    named = _select_named(labels, WORD_TIER_NAMES)
+    if phones is not None:
+        speaker = _split_name(phones.name)[0]
+        named.sort(key=lambda tier: _split_name(tier.name)[0] != speaker)
+    return next(iter(named), None)
 
 
 def get_texts(tier: Tier, times: Collection[float]) -> list[str]:
@@ -272,7 +309,7 @@ def warn_left_out(labels: Labels, written: Collection[Tier], format_name: str) -
     left_out = [tier.name for tier in labels.tiers if not any(tier is one for one in written)]
     if left_out:
         warnings.warn(
-            f"{format_name} cannot hold: {', '.join(left_out)}. Write a TextGrid for all.",
+            f"{format_name} cannot hold: {shorten(', '.join(left_out))}. Write a TextGrid for all.",
             MocapFitWarning,
             stacklevel=4,
         )

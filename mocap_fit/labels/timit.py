@@ -1,6 +1,7 @@
 """Labels of TIMIT: .phn and .wrd, one line an entry, its times in samples.
 
-A .wrd of the same name beside a .phn is read with it.
+A .wrd of the same name beside a .phn is read with it. TIMIT's ``q``, the glottal stop, has no
+counterpart in ARPAbet and none on the face: it is read as ``pau``, a silence, and written as ``q``.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from pathlib import Path
 from mocap_fit.labels.text import (
     create_line_error,
     get_only,
+    parse_seconds,
     read_head_lines,
     read_label_text,
     refuse_characters,
@@ -25,7 +27,11 @@ description = "TIMIT .phn and .wrd, times in samples"
 extensions = (".phn", ".wrd")
 SAMPLE_RATE = 16000.0
 
-_LINE = re.compile(r"(-?\d{1,18})[ \t]+(-?\d{1,18})(?:[ \t]+(.*?))?[ \t]*")
+_LINE = re.compile(r"(-?[0-9]{1,18})[ \t]++(-?[0-9]{1,18})(?:[ \t]++(.*+))?")
+_GLOTTAL_STOP = "q"
+_SILENCE = "pau"
+_MARK = "symbol="
+_SOUNDS = (".wav", ".WAV", ".flac", ".sph")
 
 
 def sniff(path: str | os.PathLike[str]) -> bool:
@@ -60,7 +66,8 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     path
         File to read.
     rate
-        Sampling rate, hertz; 16,000 where not given.
+        Sampling rate, hertz. Where not given, it is that of a sound of the same name beside the
+        file, or 16,000.
 
     Returns
     -------
@@ -74,12 +81,26 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     """
     file = Path(path)
     words = file.suffix.lower() == ".wrd"
-    tiers = [_read_tier(file, "word" if words else "phone", rate or SAMPLE_RATE)]
+    rate = rate or _find_rate(file)
+    tiers = [_read_tier(file, "word" if words else "phone", rate)]
     beside = file.with_suffix(".WRD" if file.suffix.isupper() else ".wrd")
     if not words and beside.is_file() and beside.stat().st_size:
-        tiers.append(_read_tier(beside, "word", rate or SAMPLE_RATE))
+        tiers.append(_read_tier(beside, "word", rate))
     end = max((entry.end for tier in tiers for entry in tier.entries), default=0.0)
     return (Labels(tuple(tiers), 0.0, end, name=Path(path).stem),)
+
+
+def _find_rate(file: Path) -> float:
+    import soundfile
+
+    for beside in map(file.with_suffix, _SOUNDS):
+        if beside.is_file():
+            try:
+                return float(soundfile.info(beside).samplerate)
+            except (RuntimeError, OSError):
+                # What is wrong with the sound is said where it is read.
+                break
+    return SAMPLE_RATE
 
 
 def _read_tier(path: Path, name: str, rate: float) -> Tier:
@@ -92,7 +113,12 @@ def _read_tier(path: Path, name: str, rate: float) -> Tier:
             raise create_line_error(
                 path, number, line.strip(), "TIMIT", "first sample, last sample, label"
             )
-        entries.append(Label(int(match[1]) / rate, int(match[2]) / rate, match[3] or ""))
+        start, end = (parse_seconds(match[index], path, number, rate) for index in (1, 2))
+        text = match[3] or ""
+        if name == "phone" and text.lower() == _GLOTTAL_STOP:
+            entries.append(Label(start, end, _SILENCE, _MARK + text))
+        else:
+            entries.append(Label(start, end, text))
     return Tier(name, tuple(entries))
 
 
@@ -129,6 +155,12 @@ def to_text(
     refuse_characters(tier.entries, "\n\r\0", "TIMIT", outer_blanks=True)
     rate = rate or SAMPLE_RATE
     return "".join(
-        f"{to_units(entry.start, rate)} {to_units(entry.end, rate)} {entry.text}\n"
+        f"{to_units(entry.start, rate)} {to_units(entry.end, rate)} {_get_symbol(entry)}\n"
         for entry in tier.entries
     )
+
+
+def _get_symbol(entry: Label) -> str:
+    symbol = entry.extra.removeprefix(_MARK)
+    is_mapped = entry.text == _SILENCE and entry.extra.startswith(_MARK)
+    return symbol if is_mapped else entry.text

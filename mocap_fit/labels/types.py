@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
-from mocap_fit.errors import DataError
+from mocap_fit.errors import DataError, shorten
 
 TierKind = Literal["interval", "point"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Label:
     """An entry of a tier.
 
@@ -26,7 +26,8 @@ class Label:
     text
         Text as in the file; may be empty.
     extra
-        Further data of the format: ``score=...`` of HTK, ``colour=...`` of ESPS.
+        Further data of the format: ``score=...`` of HTK, ``colour=...`` of ESPS, ``symbol=...``
+        of TIMIT where another one is read.
 
     Raises
     ------
@@ -42,7 +43,7 @@ class Label:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.start) and math.isfinite(self.end)):
             raise DataError(
-                f"the label '{self.text}' has an impossible time",
+                f"the label '{shorten(self.text, 40)}' has an impossible time",
                 found=f"{self.start} to {self.end} s",
                 expected="finite seconds",
             )

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap_fit.errors import DataError
+from mocap_fit.errors import DataError, shorten
 from mocap_fit.phones.phone import FEATURE_NAMES, Phone
 from mocap_fit.phones.phone_set import PhoneSet
 from mocap_fit.phones.set_file import load_phone_set
@@ -18,6 +18,8 @@ from mocap_fit.phones.types import PhoneSegment, PhoneSequence
 
 # Occurrences of an unknown symbol that are remembered and shown.
 _SHOWN = 3
+# Unknown symbols that a message lists.
+_LISTED = 100
 # Ties and the mark of a part that is not syllabic are optional in IPA.
 _OPTIONAL = str.maketrans("", "", "\u032f\u035c\u0361")
 
@@ -46,7 +48,7 @@ class UnknownPhone:
             for utterance, start in self.occurrences
         )
         more = ", …" if self.count > len(self.occurrences) else ""
-        return f"'{self.symbol}' {self.count}× ({where}{more})"
+        return f"'{shorten(self.symbol, 40)}' {self.count}× ({where}{more})"
 
 
 def find_unknown_phones(
@@ -314,5 +316,7 @@ def _count_symbols(segments: Iterable[tuple[str, PhoneSegment]]) -> tuple[Unknow
 def _refuse(segments: Iterable[tuple[str, PhoneSegment]], problem: str, advice: str) -> None:
     unknown = _count_symbols(segments)
     if unknown:
-        listed = "; ".join(str(phone) for phone in unknown)
+        listed = "; ".join(str(phone) for phone in unknown[:_LISTED])
+        if len(unknown) > _LISTED:
+            listed += f"; and {len(unknown) - _LISTED} more"
         raise DataError(f"{len(unknown)} symbols {problem}: {listed}", advice=advice)

@@ -5,7 +5,7 @@ import string
 import warnings
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from mocap_fit.errors import DataError, FileFormatError, MocapFitError, MocapFitWarning
@@ -134,6 +134,7 @@ def test_timit_keeps_samples(data, rate, tmp_path_factory):
     texts = data.draw(st.lists(line_text, min_size=6, max_size=6))
     pairs = data.draw(stretches(10**9))
     tier = made(pairs, texts, rate or 16000.0)
+    assume(not any(text.lower() == "q" for text in texts))
     labels = Labels((tier,), 0.0, tier.entries[-1].end, name="take")
     assert rounded_trip(labels, path, rate=rate) == (labels,)
 
@@ -144,7 +145,9 @@ def test_csv_keeps_all_columns(data, tmp_path_factory):
     path = tmp_path_factory.mktemp("csv") / "take.csv"
     pairs = data.draw(stretches(10**9))
     lists = st.lists(any_text, min_size=6, max_size=6)
-    tiers = tuple(made(pairs, data.draw(lists), 997.0, name=n) for n in ("phone", "stress", "word"))
+    tiers = tuple(
+        made(pairs, data.draw(lists), 1009.0, name=n) for n in ("phone", "stress", "word")
+    )
     labels = Labels(tiers, 0.0, tiers[0].entries[-1].end, name="take")
     assert rounded_trip(labels, path) == (labels,)
 
@@ -312,8 +315,8 @@ def test_a_wrd_beside_a_phn_is_read_with_it(tmp_path):
         ("a.TextGrid", SHORT.replace("\n0.75\n1.5", "\nx\n1.5"), "TextGrid is damaged"),
         ("a.TextGrid", SHORT.replace("0.1234567890123456", "1e999"), "not a time"),
         ("a.TextGrid", SHORT.replace("TextGrid", "Collection", 1), "not a TextGrid"),
-        ("a.lab", "hello world\n", "no label reader"),
-        ("a.lab", "0.0 0.5 a\n", "no label reader"),
+        ("a.lab", "hello world\n", "transcript: text without times.*mocap-fit align"),
+        ("a.lab", "0.0 a\n", "no label reader"),
         ("a.rec", "hello\n", "line 1.*not a label of HTK"),
         ("a.phn", "0 10 a\nb\n", "line 2.*not a label of TIMIT"),
         ("a.phn", f"0 {'9' * 400} a\n", "line 1.*not a label of TIMIT"),
