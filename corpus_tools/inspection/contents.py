@@ -66,11 +66,11 @@ def describe_contents(path: str | os.PathLike[str]) -> Mapping[str, Any]:
 
 
 def _is_labels(file: Path) -> bool:
-    """Whether a file holds labels; tables of numbers are distinguished by their content."""
+    """Whether a file holds labels; tables and texts are distinguished by their content."""
     ending = file.suffix.lower()
     readers = (LABEL_READERS.get(name) for name in LABEL_READERS.names())
-    fitting = (reader for reader in readers if ending in reader.extensions)
-    is_table = ending in (".csv", ".tsv")
+    fitting = (reader for reader in readers if ending in (*reader.extensions, ".txt"))
+    is_table = ending in (".csv", ".tsv", ".txt")
     return file.is_file() and any(not is_table or reader.sniff(file) for reader in fitting)
 
 

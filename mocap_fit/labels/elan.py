@@ -293,7 +293,7 @@ def to_text(
     path
         File for the message.
     rate
-        Not used.
+        Sampling rate, hertz; not used.
 
     Returns
     -------

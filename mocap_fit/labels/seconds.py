@@ -31,7 +31,8 @@ extensions = (".lab",)
 _NUMBER = r"([-+]?(?:[0-9]+(?:[.,][0-9]*)?|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?)"
 _LINE = re.compile(rf"{_NUMBER}[ \t]++{_NUMBER}(?:[ \t]++(.*+))?")
 _ONE_TIME = re.compile(rf"{_NUMBER}[ \t]++\S.*+")
-_NUMBERS_ONLY = re.compile(rf"{_NUMBER}(?:[ \t]++{_NUMBER})++")
+# A table of numbers has these in place of a label.
+_NUMBERS = re.compile(rf"[0-9]*[.,][0-9]+|{_NUMBER}(?:[ \t]++{_NUMBER})++")
 # The first lines, of which all must be labels.
 _SNIFFED = 20
 
@@ -60,7 +61,7 @@ def sniff(path: str | os.PathLike[str]) -> bool:
         and len(times) == len(lines)
         and any(not time.is_integer() for pair in times for time in pair)
         and all(-math.inf < start <= end < math.inf for start, end in times)
-        and not any(_NUMBERS_ONLY.fullmatch(match[3] or "") for match in matches if match)
+        and not any(_NUMBERS.fullmatch(match[3] or "") for match in matches if match)
     )
 
 
