@@ -106,3 +106,96 @@ def test_the_bootstrap_is_that_of_the_other_scores():
     ours, theirs = (inspect.signature(each).parameters for each in (evaluate_landmarks, evaluate))
     for name, value in (("resamples", 2000), ("seed", 0)):
         assert ours[name].default == theirs[name].default == value
+
+
+def with_markers(recorded, change, **fields):
+    """The utterances with changed markers, and with other fields, one for each."""
+    return dataclasses.replace(
+        recorded,
+        utterances=tuple(
+            dataclasses.replace(
+                Utterance.from_tracks(
+                    u.read_tracks(), u.read_phones(), markers=change(i, u.read_markers()), id=u.id
+                ),
+                **{name: values[i] for name, values in fields.items()},
+            )
+            for i, u in enumerate(recorded)
+        ),
+    )
+
+
+def test_sessions_have_axes_of_their_own(recorded):
+    """The second recording is from another laboratory, whose axes are others."""
+
+    def turn(i, markers):
+        if i != 1:
+            return markers
+        return markers.replace(positions=markers.positions[:, :, [2, 0, 1]])
+
+    expected = evaluate_landmarks(recorded, {}, resamples=50)
+    apart = with_markers(recorded, turn, session=("a", "b", "a"))
+    result = evaluate_landmarks(apart, {}, resamples=50)
+    np.testing.assert_allclose(result.correlation, expected.correlation, atol=0.02)
+
+
+def test_frames_are_counted_that_are_compared(recorded):
+    """Those of speech that were fitted and show the mouth."""
+    mouth = _Mouth(load_face(), load_layout("face30-head5"))
+    names = [mouth._markers[point] for point in mouth._points]
+    shown = [u.read_markers().visible for u in recorded]
+    columns = recorded.utterances[0].read_markers().indices(names)
+    result = evaluate_landmarks(recorded, {}, resamples=10)
+    counts = [int(s[:, columns].all(axis=1).sum()) for s in shown]
+    assert result.utterances == 3
+    assert sum(counts) - 6 <= result.frames <= sum(counts)
+    first = recorded.utterances[0]
+    values = first.read_tracks().values.copy()
+    values[:60, 0] = np.nan
+    late = Utterance.from_tracks(
+        first.read_tracks().replace(values=values),
+        PhoneSequence((PhoneSegment(0.0, 1.5, "AA"),), phone_set="en-arpabet"),
+        markers=first.read_markers(),
+        id="u0",
+    )
+    alone = dataclasses.replace(recorded, utterances=(late,))
+    count = int(shown[0][60:90][:, columns].all(axis=1).sum())
+    assert count - 2 <= evaluate_landmarks(alone, {}, resamples=10).frames <= count
+
+
+def test_without_a_frame_of_all_head_markers_there_are_no_axes(recorded):
+    layout = load_layout("face30-head5")
+    head = [marker.name for marker in layout.head_markers]
+
+    def hide(i, markers):
+        positions = markers.positions.copy()
+        for k, name in enumerate(head):
+            positions[k::5, markers.index(name)] = np.nan
+        return markers.replace(positions=positions, origin=None)
+
+    with pytest.raises(DataError, match="no frame of 'u0' shows all head markers") as caught:
+        evaluate_landmarks(with_markers(recorded, hide), {})
+    assert caught.value.expected == ", ".join(head)
+
+
+def test_models_are_compared_as_the_fit_is_and_progress_is_told(recorded):
+    class Copy:
+        """The true parameters, with a share of another one's."""
+
+        def __init__(self, share):
+            self.share, self.at = share, 0
+
+        def predict_at(self, phones, times):
+            true, other = (recorded.utterances[(self.at + k) % 3].read_tracks() for k in (0, 1))
+            self.at += 1
+            return (1 - self.share) * true.values + self.share * other.values
+
+    calls = []
+    models = {"same": Copy(0.0), "near": Copy(0.5), "far": Copy(1.0)}
+    result = evaluate_landmarks(recorded, models, resamples=50, progress=lambda: calls.append(1))
+    assert result.models == (FITTED, "same", "near", "far")
+    np.testing.assert_array_equal(result.correlation[1], result.correlation[0])
+    assert result.mean[1] > result.mean[2] > result.mean[3]
+    assert len(calls) == 3
+    again = evaluate_landmarks(recorded, {}, resamples=50, seed=1)
+    assert again.low[0] != result.low[0]
+    np.testing.assert_array_equal(again.correlation[0], result.correlation[0])
