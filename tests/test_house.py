@@ -68,7 +68,6 @@ LONGER_FILES: dict[str, str] = {}
 
 HEAVY = {
     "cv2",
-    "ezc3d",
     "matplotlib",
     "nlopt",
     "numba",

@@ -1,217 +1,102 @@
-"""The points of a C3D file: positions, residuals and cameras."""
+"""The points of a C3D file: positions, and which of them were measured."""
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+import warnings
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_fit.errors import FileFormatError, from_os_error
-from mocap_fit.io.c3d_structure import LONG, Extent
+from mocap_fit.errors import MocapFitWarning
+from mocap_fit.io.c3d_layout import Layout
+from mocap_fit.io.c3d_parameters import decode
+from mocap_fit.io.c3d_structure import Structure
 from mocap_fit.tracks import FloatArray, Origin
 
-
-@dataclass(frozen=True, eq=False)
-class Points:
-    """Points as they are stored.
-
-    Parameters
-    ----------
-    coordinates
-        Positions, ``(frames, points, 3)``, in the unit of the file.
-    residuals
-        Residuals, ``(frames, points)``, in the unit of the file; negative for a gap.
-    cameras
-        Whether a camera saw the point, ``(frames, points)``.
-    """
-
-    coordinates: FloatArray
-    residuals: NDArray[Any]
-    cameras: NDArray[np.bool_]
-
-    def select(self, points: list[int]) -> Points:
-        """Return some of the points.
-
-        Parameters
-        ----------
-        points
-            Indices of the points.
-
-        Returns
-        -------
-        Points
-            The points in that order.
-        """
-        return Points(
-            self.coordinates[:, points], self.residuals[:, points], self.cameras[:, points]
-        )
-
-    @property
-    def gaps(self) -> NDArray[np.bool_]:
-        """Whether a point is missing, ``(frames, points)``."""
-        return np.asarray((self.residuals < 0) | ~np.isfinite(self.coordinates).all(axis=2))
-
-    def to_positions(self, scale: float) -> FloatArray:
-        """Return the positions in millimetres.
-
-        Parameters
-        ----------
-        scale
-            Millimetres in the unit of the file.
-
-        Returns
-        -------
-        ndarray
-            Positions, ``(frames, points, 3)``, millimetres; NaN for gaps.
-        """
-        return np.asarray(np.where(self.gaps[:, :, None], np.nan, self.coordinates * scale))
-
-    def to_origin(self) -> NDArray[np.uint8]:
-        """Return the origins of the samples.
-
-        A residual of 0 without a camera means a filled sample where the file has some residual
-        above 0; other files have 0 for all points.
-
-        Returns
-        -------
-        ndarray
-            Codes of `Origin`, ``(frames, points)``, no unit.
-        """
-        gaps = self.gaps
-        origin = np.where(gaps, Origin.MISSING, Origin.MEASURED).astype(np.uint8)
-        if (self.residuals[~gaps] > 0).any():
-            origin[~gaps & (self.residuals == 0) & ~self.cameras] = Origin.FILLED
-        return origin
+_CHUNK = 2**22
+"""Bytes that are read at a time."""
 
 
-def extract_points(content: Mapping[str, Any]) -> Points:
-    """Return the points of a file that ezc3d has read.
+def read_points(
+    structure: Structure, layout: Layout, factor: float, points: list[int]
+) -> tuple[FloatArray, NDArray[np.uint8]]:
+    """Read the positions of points; the analog data between them are passed over.
+
+    The fourth number of a point is negative for a gap; 0 means neither residual nor cameras, thus a
+    point that was not measured, but only where other points have them.
 
     Parameters
     ----------
-    content
-        Result of ezc3d.
+    structure
+        Header and parameters of the file.
+    layout
+        Location of the points.
+    factor
+        Millimetres in the unit of the file.
+    points
+        Which of the points to read, from 0.
 
     Returns
     -------
-    Points
-        All points.
+    positions : ndarray
+        Positions, ``(frames, points, 3)``, millimetres; NaN for gaps.
+    origin : ndarray
+        Codes of `Origin`, ``(frames, points)``, no unit.
+
+    Raises
+    ------
+    FileFormatError
+        If the file becomes shorter while it is read.
+
+    Warns
+    -----
+    MocapFitWarning
+        If header and parameters contradict each other on the scale of integers.
     """
-    data = content["data"]
-    return Points(
-        np.asarray(data["points"], dtype=np.float64)[:3].transpose(2, 1, 0),
-        np.asarray(data["meta_points"]["residuals"])[0].T,
-        np.any(data["meta_points"]["camera_masks"], axis=0).T,
+    frame, frames = layout.frame, layout.frames
+    scale = factor * (1.0 if frame.width == 4 else _get_scale(structure))
+    positions = np.empty((frames, len(points), 3))
+    origin = np.empty((frames, len(points)), dtype=np.uint8)
+    step = max(1, _CHUNK // frame.size)
+    columns = slice(None) if len(points) == frame.points else points
+    has_residuals = False
+    with structure.path.open("rb") as file, np.errstate(all="ignore"):
+        file.seek(structure.data_start)
+        for begin in range(0, frames, step):
+            end = min(begin + step, frames)
+            block = file.read((end - begin) * frame.size)
+            if len(block) < (end - begin) * frame.size:
+                structure.refuse("the file became shorter while it was read", f"frame {begin}")
+            stored = decode(block, frame.width, structure.processor).reshape(end - begin, -1)
+            stored = stored[:, : 4 * frame.points]
+            numbers = stored.reshape(end - begin, frame.points, 4)[:, columns]
+            chunk, residuals = positions[begin:end], numbers[:, :, 3]
+            np.multiply(numbers[:, :, :3], scale, out=chunk, dtype=np.float64)
+            # Also where the fourth number is none.
+            gaps = ~(residuals >= 0) | ~np.isfinite(chunk).all(axis=2)
+            chunk[gaps] = np.nan
+            has_residuals = has_residuals or bool((residuals > 0).any())
+            origin[begin:end] = np.where(residuals == 0, Origin.FILLED, Origin.MEASURED)
+            origin[begin:end][gaps] = Origin.MISSING
+    if not has_residuals:
+        origin[origin == Origin.FILLED] = Origin.MEASURED
+    return positions, origin
+
+
+def _get_scale(structure: Structure) -> float:
+    """Return the unit of integers, in the unit of the file."""
+    noted, header = (
+        abs(scale) for scale in (structure.get_value("POINT", "SCALE"), structure.get_float(7))
     )
-
-
-def read_first_frame(file: Path, extent: Extent) -> Mapping[str, Any]:
-    """Read the parameters and the first frame by ezc3d, from a copy without the other frames.
-
-    ezc3d takes long for many frames, and reads at most 65,535 of them.
-
-    Parameters
-    ----------
-    file
-        File to read.
-    extent
-        Location of its data.
-
-    Returns
-    -------
-    Mapping
-        Result of ezc3d.
-
-    Raises
-    ------
-    FileFormatError
-        If the file cannot be read.
-    """
-    try:
-        with file.open("rb") as stream, tempfile.TemporaryDirectory() as folder:
-            head = bytearray(stream.read(extent.start))
-            if extent.frames < LONG:
-                # The number of the last frame is that of the first.
-                head[8:10] = head[6:8]
-            copy = Path(folder) / file.name
-            copy.write_bytes(bytes(head) + stream.read(extent.frame_size))
-            return read_with_ezc3d(copy, file)
-    except OSError as error:
-        raise from_os_error(error, file) from None
-
-
-def read_floats(file: Path, extent: Extent) -> Points:
-    """Read all frames of a file of plain floats, many times faster than ezc3d.
-
-    Parameters
-    ----------
-    file
-        File to read.
-    extent
-        Location of its data, which are little-endian floats.
-
-    Returns
-    -------
-    Points
-        All points.
-
-    Raises
-    ------
-    FileFormatError
-        If the file cannot be read.
-    """
-    count = extent.frames
-    try:
-        with file.open("rb") as stream:
-            stream.seek(extent.start)
-            block = stream.read(count * extent.frame_size)
-    except OSError as error:
-        raise from_os_error(error, file) from None
-    numbers = np.frombuffer(block, dtype="<f4").reshape(count, -1)[:, : 4 * extent.points]
-    numbers = numbers.reshape(count, extent.points, 4)
-    # The fourth number: -1 for a gap, else the residual in the high byte, cameras in the low one.
-    word = np.nan_to_num(numbers[:, :, 3], nan=-1.0, posinf=-1.0, neginf=-1.0)
-    word = np.clip(word, -(2.0**31), 2.0**31 - 256).astype(np.int64)
-    residuals = np.where(word < 0, -1, word >> 8)
-    return Points(numbers[:, :, :3].astype(np.float64), residuals, (word & 0x7F) != 0)
-
-
-def read_with_ezc3d(path: Path, original: Path | None = None) -> Mapping[str, Any]:
-    """Read a file by ezc3d.
-
-    Parameters
-    ----------
-    path
-        File to read.
-    original
-        File for messages, of which `path` is a part.
-
-    Returns
-    -------
-    Mapping
-        Result of ezc3d.
-
-    Raises
-    ------
-    FileFormatError
-        If ezc3d cannot read the file.
-    """
-    import ezc3d
-
-    try:
-        content: Mapping[str, Any] = ezc3d.c3d(str(path))
-    except Exception as error:
-        # ezc3d raises whatever its C++ part does, from OSError to RuntimeError.
-        lines = str(error).splitlines()
-        raise FileFormatError(
-            "ezc3d cannot read the file",
-            path=original or path,
-            found=lines[0] if lines else type(error).__name__,
-            advice="The file is damaged; export or copy it again.",
-        ) from None
-    return content
+    if not header > 0:
+        return noted
+    if not noted > 0:
+        return header
+    if abs(noted - header) > 1e-3 * noted:
+        warnings.warn(
+            f"{structure.path}: its header says a scale of {header:g} and POINT:SCALE {noted:g}, "
+            "which is taken",
+            MocapFitWarning,
+            stacklevel=4,
+        )
+    return noted

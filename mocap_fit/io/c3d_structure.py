@@ -1,32 +1,33 @@
-"""Check the structure of a C3D file before ezc3d opens it.
-
-ezc3d trusts the header of a file; a damaged one can make it allocate any amount of memory, or end
-the process. Here the header, the chain of parameters, and the size of the data section are checked
-first (layout: the C3D user guide, https://www.c3d.org).
-"""
+"""Header and parameters of a C3D file (layout: the C3D user guide, https://www.c3d.org)."""
 
 from __future__ import annotations
 
 import math
-import struct
-from dataclasses import dataclass, field
+import os
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NoReturn
 
-import numpy as np
-
 from mocap_fit.errors import FileFormatError
+from mocap_fit.io.c3d_parameters import (
+    DEC,
+    INTEL,
+    MIPS,
+    Parameter,
+    Parameters,
+    decode,
+    read_parameters,
+)
 
 BLOCK = 512
+"""Bytes."""
+
 _KEY = 0x50
-_INTEL, _DEC, _MIPS = 84, 85, 86
-LONG = 65535
-"""A last frame of this number means that the header's 16 bits did not suffice."""
+_LARGEST_SECTION = 2**20
+"""Bytes of parameters that are read; the format allows 255 blocks, some files have more."""
 
-_MOST_SAMPLES = 10_000
-"""Analog samples or rotations a frame; ezc3d allocates memory for each."""
-
-_NUMERIC = {1: "i1", 2: "i2", 4: "f4"}
+# Some programs leave out the 83 that is added to the number of the processor.
+_PROCESSORS = {code - less: code for code in (INTEL, DEC, MIPS) for less in (0, 83)}
 
 
 def is_c3d(head: bytes) -> bool:
@@ -42,91 +43,202 @@ def is_c3d(head: bytes) -> bool:
     bool
         Whether they are those of a C3D file.
     """
+    # A PNG picture begins with 89 50.
     return len(head) >= 2 and 1 < head[0] < 0x80 and head[1] == _KEY
 
 
-@dataclass
-class _Structure:
-    """Header and parameters of a file."""
-
-    path: Path
-    size: int
-    header: bytes
-    processor: int = _INTEL
-    groups: dict[int, str] = field(default_factory=dict)
-    values: dict[tuple[int, str], list[float]] = field(default_factory=dict)
-
-    @property
-    def order(self) -> str:
-        return ">" if self.processor == _MIPS else "<"
-
-    def refuse(self, problem: str, value: object, expected: object = None) -> NoReturn:
-        """Raise the error of a file that is damaged."""
-        advice = "The file is damaged; export or copy it again."
-        raise FileFormatError(
-            problem, path=self.path, found=value, expected=expected, advice=advice
-        )
-
-    def get_word(self, number: int) -> int:
-        """Return a word of the header, counted from 1."""
-        return int(struct.unpack_from(self.order + "H", self.header, 2 * (number - 1))[0])
-
-    def get_values(self, group: str, name: str) -> list[float]:
-        """Return the first values of a numeric parameter; none where it is absent."""
-        numbers = [number for number, title in self.groups.items() if title == group]
-        return next(filter(None, (self.values.get((number, name)) for number in numbers)), [])
-
-    def get_value(self, group: str, name: str) -> float | None:
-        """Return the first value of a numeric parameter."""
-        return next(iter(self.get_values(group, name)), None)
-
-    def get_count(self, group: str, name: str) -> int | None:
-        """Return a count, which some files store as a signed number."""
-        value = self.get_value(group, name)
-        if value is None or not np.isfinite(value):
-            return None
-        return int(value) + 65536 if -32768 <= value < 0 else int(value)
-
-    def count_trial_frames(self) -> int | None:
-        """Return the number of frames by the first and the last of the trial."""
-        ends = []
-        for name in ("ACTUAL_START_FIELD", "ACTUAL_END_FIELD"):
-            words = self.get_values("TRIAL", name)
-            if len(words) < 2:
-                return None
-            # A frame number is two words.
-            low, high = (int(word) & 0xFFFF for word in words[:2])
-            ends.append(low + 65536 * high)
-        return ends[1] - ends[0] + 1
-
-
-@dataclass(frozen=True)
-class Extent:
-    """Location of the data in a C3D file.
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """Header and parameters of a file.
 
     Parameters
     ----------
+    path
+        The file.
+    size
+        Its length, bytes.
+    processor
+        Code of the processor whose numbers it holds.
+    header
+        Its first 512 bytes.
     start
-        Size of the header and the parameters before the data, bytes.
-    frames
-        Number of frames.
-    points
-        Number of points of all kinds.
-    frame_size
-        Size of a frame, bytes: four numbers a point, and the analog samples.
-    plain_floats
-        Whether the numbers are little-endian floats.
+        Position of the parameters, bytes.
+    data_start
+        Position of the data, bytes.
+    parameters
+        Its parameters.
+    damage
+        What is wrong with the chain of parameters; None where nothing is.
     """
 
+    path: Path
+    size: int
+    processor: int
+    header: bytes
     start: int
-    frames: int
-    points: int
-    frame_size: int
-    plain_floats: bool
+    data_start: int
+    parameters: Parameters
+    damage: str | None
+
+    @property
+    def has_data(self) -> bool:
+        """Whether the data can be where they are said to be."""
+        in_parameters = self.start <= self.data_start < self.start + BLOCK
+        return BLOCK <= self.data_start < self.size and not in_parameters
+
+    @property
+    def data_end(self) -> int:
+        """Position behind the data, bytes: another section, or the end of the file."""
+        starts = [self.start]
+        if self.get_value("ROTATION", "USED") > 0:
+            starts.append(((self.get_count("ROTATION", "DATA_START") or 0) - 1) * BLOCK)
+        return min((start for start in starts if start > self.data_start), default=self.size)
+
+    def refuse(self, problem: str, value: object, expected: object = None) -> NoReturn:
+        """Raise the error of a file that is damaged.
+
+        Parameters
+        ----------
+        problem
+            What is wrong.
+        value
+            What was there.
+        expected
+            What should have been there.
+
+        Raises
+        ------
+        FileFormatError
+            Always.
+        """
+        _refuse(self.path, problem, value, expected)
+
+    def get_word(self, number: int) -> int:
+        """Return a word of the header.
+
+        Parameters
+        ----------
+        number
+            Number of the word, from 1.
+
+        Returns
+        -------
+        int
+            The word, without a sign.
+        """
+        data = self.header[2 * number - 2 : 2 * number]
+        return int(decode(data, 2, self.processor)[0]) % 2**16
+
+    def get_float(self, number: int) -> float:
+        """Return a float of the header.
+
+        Parameters
+        ----------
+        number
+            Number of its first word, from 1.
+
+        Returns
+        -------
+        float
+            The number, in any unit; NaN where it is infinite.
+        """
+        value = float(decode(self.header[2 * number - 2 : 2 * number + 2], 4, self.processor)[0])
+        return value if math.isfinite(value) else math.nan
+
+    def get_values(self, group: str, name: str) -> list[float]:
+        """Return the numbers of a parameter and of its continuations, such as TIMES and TIMES2.
+
+        Parameters
+        ----------
+        group
+            Name of the group.
+        name
+            Name of the parameter.
+
+        Returns
+        -------
+        list of float
+            The numbers in the order of the file; none where it is absent or is text.
+        """
+        return [
+            value
+            for part in self._list_parts(group, name)
+            if part.kind > 0
+            for value in decode(part.data, part.kind, self.processor).tolist()
+        ]
+
+    def get_value(self, group: str, name: str) -> float:
+        """Return the first number of a parameter.
+
+        Parameters
+        ----------
+        group
+            Name of the group.
+        name
+            Name of the parameter.
+
+        Returns
+        -------
+        float
+            The number, in any unit; NaN where there is none, or an infinite one.
+        """
+        value = next(iter(self.get_values(group, name)), math.nan)
+        return value if math.isfinite(value) else math.nan
+
+    def get_count(self, group: str, name: str) -> int | None:
+        """Return a count, which is stored as a float, as one word or as two.
+
+        Parameters
+        ----------
+        group
+            Name of the group.
+        name
+            Name of the parameter.
+
+        Returns
+        -------
+        int or None
+            The count; None where it is absent.
+        """
+        values = self.get_values(group, name)
+        if len(values) == 2 and self.parameters[group, name].kind == 2:
+            low, high = (int(value) % 2**16 for value in values)
+            return low + 2**16 * high
+        value = self.get_value(group, name)
+        if math.isnan(value):
+            return None
+        # A word has no sign.
+        return int(value) + 2**16 if -(2**15) <= value < 0 else int(value)
+
+    def get_texts(self, group: str, name: str) -> list[str]:
+        """Return the texts of a parameter and of its continuations, such as LABELS and LABELS2.
+
+        A parameter holds at most 255 texts; more are in parameters with a number behind the name.
+
+        Parameters
+        ----------
+        group
+            Name of the group.
+        name
+            Name of the parameter.
+
+        Returns
+        -------
+        list of str
+            The texts in the order of the file; none where it is absent or not text.
+        """
+        return [text for part in self._list_parts(group, name) for text in part.texts]
+
+    def _list_parts(self, group: str, name: str) -> list[Parameter]:
+        parts, continued = [], name
+        while (group, continued) in self.parameters:
+            parts.append(self.parameters[group, continued])
+            continued = f"{name}{len(parts) + 1}"
+        return parts
 
 
-def check_structure(path: Path) -> Extent:
-    """Check a C3D file and locate its data.
+def read_structure(path: Path) -> Structure:
+    """Read the header and the parameters of a C3D file.
 
     Parameters
     ----------
@@ -135,16 +247,16 @@ def check_structure(path: Path) -> Extent:
 
     Returns
     -------
-    Extent
-        Location of the data.
+    Structure
+        Header and parameters.
 
     Raises
     ------
     FileFormatError
-        If it is another kind of file, cut off, or its parts contradict each other.
+        If it is another kind of file, or cut off before its data.
     """
-    size = path.stat().st_size
     with path.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
         header = file.read(BLOCK)
         if not is_c3d(header):
             raise FileFormatError(
@@ -154,114 +266,39 @@ def check_structure(path: Path) -> Extent:
                 expected="02 50 as its first bytes",
                 advice="Check that it is the file you mean.",
             )
-        structure = _Structure(path, size, header)
         start = (header[0] - 1) * BLOCK
-        if len(header) < BLOCK or size < start + 4:
-            structure.refuse("the file is cut off in its header", f"{size} bytes")
         file.seek(start)
-        structure.processor = file.read(4)[3]
-        if structure.processor not in (_INTEL, _DEC, _MIPS):
-            structure.refuse("the parameters do not name a known processor", structure.processor)
-        data_start = (structure.get_word(9) - 1) * BLOCK
-        if data_start < start + BLOCK or data_start > size:
-            block = f"block {structure.get_word(9)}"
-            structure.refuse("the data are not where the header says", block)
-        # The parameters end where the data start, whatever number of blocks is noted.
-        section = file.read(data_start - start - 4)
-    _read_parameters(structure, section)
-    return _check_counts(structure, data_start)
+        lead = file.read(4)
+        if len(header) < BLOCK or len(lead) < 4:
+            _refuse(path, "the file is cut off in its header", f"{size} bytes")
+        if lead[3] not in _PROCESSORS:
+            _refuse(path, "the parameters do not name a known processor", lead[3], "84, 85 or 86")
+        section = file.read(_LARGEST_SECTION)
+    base = Structure(path, size, _PROCESSORS[lead[3]], header, start, 0, {}, None)
+    word = base.get_word(9)
+    first = _add_parameters(base, section, word)
+    if first.damage is None and first.has_data:
+        return first
+    # Two other places say where the data start.
+    blocks = (first.get_count("POINT", "DATA_START") or 0, header[0] + lead[2])
+    others = [_add_parameters(base, section, block) for block in blocks]
+    possible = [structure for structure in (first, *others) if structure.has_data]
+    if not possible:
+        base.refuse("the data are not where the header says", f"block {word}")
+    return next((each for each in possible if each.damage is None), possible[0])
 
 
-def _read_parameters(structure: _Structure, section: bytes) -> None:
-    """Follow the chain of groups and parameters to its end."""
-    position = 0
-    while position + 2 <= len(section):
-        length, group = struct.unpack_from("bb", section, position)
-        if length == 0:
-            break
-        name = section[position + 2 : position + 2 + abs(length)].decode("latin-1").upper().strip()
-        offset_at = position + 2 + abs(length)
-        if group == 0 or offset_at + 2 > len(section):
-            structure.refuse("a parameter leads out of its section", f"byte {position}")
-        offset = int(struct.unpack_from(structure.order + "h", section, offset_at)[0])
-        if group < 0:
-            structure.groups[-group] = name
-            end = offset_at + 2
-        else:
-            end = _read_parameter(structure, section, offset_at + 2, (group, name))
-        if end >= len(section):
-            structure.refuse("a parameter leads out of its section", name)
-        end += 1 + section[end]
-        if offset == 0:
-            break
-        if offset_at + offset != end or end > len(section):
-            structure.refuse("the chain of parameters is broken", f"at {name}")
-        position = end
-    else:
-        structure.refuse("the chain of parameters has no end", f"{len(section)} bytes")
-    if not all((group in structure.groups) for group, _ in structure.values):
-        structure.refuse("a parameter belongs to no group", "an unknown group")
+def _add_parameters(base: Structure, section: bytes, block: int) -> Structure:
+    """Return a structure whose data start in a block, with the parameters before them."""
+    data_start = (block - 1) * BLOCK
+    # Whatever number of blocks is noted.
+    available = data_start - base.start - 4
+    parameters, damage = read_parameters(
+        section[:available] if available > 0 else section, base.processor
+    )
+    return replace(base, data_start=data_start, parameters=parameters, damage=damage)
 
 
-def _read_parameter(
-    structure: _Structure, section: bytes, position: int, key: tuple[int, str]
-) -> int:
-    """Store the values of a parameter, and return the position after them."""
-    if position + 2 > len(section):
-        structure.refuse("a parameter leads out of its section", key[1])
-    kind, dimensions = struct.unpack_from("bB", section, position)
-    data = position + 2 + dimensions
-    # ezc3d does not survive a text without dimensions.
-    if kind not in (-1, 1, 2, 4) or dimensions > 7 or (kind == -1 and dimensions == 0):
-        structure.refuse("a parameter has an impossible type", key[1])
-    end = data + abs(kind) * math.prod(section[position + 2 : data])
-    if end > len(section):
-        structure.refuse("a parameter is larger than its section", key[1])
-    values: list[float] = []
-    if kind > 0:
-        order = "" if kind == 1 else structure.order
-        array = np.frombuffer(section[data:end], dtype=np.dtype(order + _NUMERIC[kind]))
-        if structure.processor == _DEC and kind == 4:
-            words = np.frombuffer(section[data:end], dtype="<u2").reshape(-1, 2)
-            array = words[:, ::-1].copy().reshape(-1).view("<f4") / 4
-        values = array[:16].astype(np.float64).tolist()
-    structure.values[key] = values
-    return int(end)
-
-
-def _check_counts(structure: _Structure, data_start: int) -> Extent:
-    points, analog = structure.get_word(2), structure.get_word(3)
-    first, last, per_frame = structure.get_word(4), structure.get_word(5), structure.get_word(10)
-    if points == 0:
-        structure.refuse("the file holds no points", "0 in its header")
-    used = structure.get_count("POINT", "USED")
-    if used is not None and used != points:
-        structure.refuse("header and parameters contradict each other", used, f"{points} points")
-    rate = structure.get_value("POINT", "RATE")
-    if rate is not None and not (np.isfinite(rate) and rate > 0):
-        structure.refuse("the frame rate is out of range", f"{rate:g} Hz", "a number above 0")
-    channels = structure.get_count("ANALOG", "USED") or 0
-    if analog != channels * per_frame:
-        numbers = f"{analog} analog numbers a frame"
-        expected = f"{per_frame} of {channels} channels"
-        structure.refuse("header and parameters contradict each other", numbers, expected)
-    ratio = structure.get_count("ROTATION", "RATIO") or 0
-    if max(per_frame, ratio) > _MOST_SAMPLES:
-        samples = f"{max(per_frame, ratio)} samples a frame"
-        structure.refuse("the header is damaged", samples, f"at most {_MOST_SAMPLES}")
-    frames = last - first + 1
-    if last == LONG:
-        counts = [structure.get_count("POINT", name) for name in ("LONG_FRAMES", "FRAMES")]
-        counts.append(structure.count_trial_frames())
-        frames = max((count for count in counts if count is not None), default=frames)
-    if frames < 1:
-        structure.refuse("the recording has no frames", f"first {first}, last {last}")
-    # The byte with the sign of the scale: negative for data stored as floats.
-    sign = structure.header[{_INTEL: 15, _DEC: 13, _MIPS: 12}[structure.processor]]
-    floats = bool(sign & 0x80)
-    frame_size = (4 * points + analog) * (4 if floats else 2)
-    needed = data_start + frames * frame_size
-    if structure.size < needed:
-        structure.refuse("the file is cut off in its data", f"{structure.size} bytes", needed)
-    plain = floats and structure.processor == _INTEL
-    return Extent(data_start, frames, points, frame_size, plain)
+def _refuse(path: Path, problem: str, value: object, expected: object = None) -> NoReturn:
+    advice = "The file is damaged; export or copy it again."
+    raise FileFormatError(problem, path=path, found=value, expected=expected, advice=advice)

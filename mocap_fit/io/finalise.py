@@ -15,14 +15,16 @@ from mocap_fit.io.names import TrackNames
 from mocap_fit.tracks import Event, FloatArray, Tracks
 
 _MILLIMETRES = {
-    **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), 1.0),
-    **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), 10.0),
-    "dm": 100.0,
-    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1000.0),
-    **dict.fromkeys(("in", "inch", "inches"), 25.4),
-    "ft": 304.8,
-    "um": 0.001,
+    **dict.fromkeys(("mm", "millimeters", "millimetres"), 1.0),
+    **dict.fromkeys(("cm", "centimeters", "centimetres"), 10.0),
+    **dict.fromkeys(("dm", "decimeters", "decimetres"), 100.0),
+    **dict.fromkeys(("m", "meters", "metres"), 1000.0),
+    **dict.fromkeys(("in", "inches"), 25.4),
+    **dict.fromkeys(("ft", "foot", "feet"), 304.8),
+    **dict.fromkeys(("um", "micrometers", "micrometres"), 0.001),
 }
+_SHORTEST = 3
+"""Letters to which a name may be cut, as some programs do."""
 
 _FARTHEST = 1e7
 """Millimetres: no marker is ten kilometres away."""
@@ -55,17 +57,18 @@ def get_millimetres(unit: str, *, path: Path, line: int | None = None) -> float:
     FileFormatError
         If the unit is not known.
     """
-    try:
-        return _MILLIMETRES[unit.strip().lower()]
-    except KeyError:
-        raise FileFormatError(
-            "the unit of length is not known",
-            path=path,
-            line=line,
-            found=f"'{unit}'",
-            expected="mm, cm, dm, m, in or ft",
-            advice="Correct the unit, or export the recording in millimetres.",
-        ) from None
+    name = unit.strip().lower()
+    for known, factor in _MILLIMETRES.items():
+        if name == known or (len(name) >= _SHORTEST and known.startswith(name)):
+            return factor
+    raise FileFormatError(
+        "the unit of length is not known",
+        path=path,
+        line=line,
+        found=f"'{unit}'",
+        expected="mm, cm, dm, m, in or ft",
+        advice="Give the unit (--unit, or unit= in Python), or export in millimetres.",
+    )
 
 
 def list_arguments(

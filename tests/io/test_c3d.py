@@ -105,34 +105,9 @@ def test_angles_are_no_positions(made: ModuleType, tmp_path: Path) -> None:
     assert tracks.names == ("head_right", "HEAD TOP", "nasa")
 
 
-@pytest.mark.parametrize("cut", [1, 7, 100])
-def test_a_cut_off_file_is_refused(cut: int, recordings: Path, tmp_path: Path) -> None:
-    content = (recordings / "subject_metres.c3d").read_bytes()
-    from mocap_fit.io.c3d_structure import BLOCK
-
-    data = content[: (int.from_bytes(content[16:18], "little") - 1) * BLOCK]
-    needed = len(data) + 12 * 5 * 16
-    path = write(tmp_path / "a.c3d", content[: needed - cut])
-    with pytest.raises(FileFormatError, match=r"cut off"):
-        read_tracks(path)
-    # What comes after the last frame is padding.
-    assert read_tracks(write(path, content[:needed])).frames == 12
-
-
-def test_an_impossible_number_of_samples_is_refused_at_once(
-    recordings: Path, tmp_path: Path
-) -> None:
-    content = bytearray((recordings / "subject_metres.c3d").read_bytes())
-    place = content.index(b"RATIO") + len(b"RATIO") + 4
-    assert content[place : place + 2] == b"\0\0"
-    content[place : place + 2] = b"\0\x80"
-    with pytest.raises(FileFormatError, match=r"32768 samples a frame"):
-        read_tracks(write(tmp_path / "a.c3d", bytes(content)))
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_damage_does_not_end_the_program(seed: int, recordings: Path, tmp_path: Path) -> None:
-    """Bytes changed in header and parameters, which ezc3d alone does not survive."""
+    """Bytes changed in header and parameters, which ezc3d does not survive."""
     from mocap_fit.errors import MocapFitError
 
     rng = np.random.default_rng(seed)
@@ -151,36 +126,3 @@ def test_damage_does_not_end_the_program(seed: int, recordings: Path, tmp_path: 
                 outcomes.add(0)
     assert 0 in outcomes
     assert outcomes <= {0, 12}
-
-
-@pytest.mark.parametrize("how", ["LONG_FRAMES", "TRIAL"])
-def test_more_frames_than_sixteen_bits_hold(tmp_path: Path, how: str) -> None:
-    """The header can say 65,535 at most; two other places can say more."""
-    import struct
-
-    import ezc3d
-
-    frames, points = 70_000, 3
-    content = ezc3d.c3d()
-    content["parameters"]["POINT"]["RATE"]["value"] = [250.0]
-    content["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
-    content["parameters"]["POINT"]["LABELS"]["value"] = ["a", "b", "c"]
-    if how == "TRIAL":
-        content.add_parameter("TRIAL", "ACTUAL_START_FIELD", [1, 0])
-        content.add_parameter("TRIAL", "ACTUAL_END_FIELD", [frames % 65536, frames // 65536])
-    else:
-        content.add_parameter("POINT", "LONG_FRAMES", [float(frames)])
-    content["data"]["points"] = np.ones((4, points, 1))
-    path = tmp_path / "long.c3d"
-    content.write(str(path))
-    head = bytearray(path.read_bytes())
-    head = head[: (struct.unpack_from("<H", head, 16)[0] - 1) * 512]
-    struct.pack_into("<HH", head, 6, 1, 65535)
-    numbers = np.zeros((frames, points, 4), "<f4")
-    numbers[:, :, 0] = np.arange(frames)[:, None]
-    numbers[5, 1, 3] = -1.0
-    path.write_bytes(bytes(head) + numbers.tobytes())
-    tracks = read_tracks(path)
-    assert tracks.frames == frames
-    np.testing.assert_array_equal(tracks.positions[:, 0, 0], np.arange(frames))
-    assert np.argwhere(~tracks.visible).tolist() == [[5, 1]]

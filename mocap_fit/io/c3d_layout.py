@@ -1,0 +1,233 @@
+"""Where the points of a C3D file are: header, parameters and the length of the file decide.
+
+Header and parameters say most counts twice, and real files contradict themselves: POINT:USED or
+the analog counts are wrong, a scale has the wrong sign, POINT:FRAMES counts padding. The number of
+frames is that of the header, if the file is long enough. For what a frame holds, the header comes
+first too, but the data must fill the file to its last block; where they never do, what leaves the
+least of it over is taken.
+
+Frames beyond 65,535 do not fit the header's 16 bits. POINT:LONG_FRAMES, POINT:FRAMES or the TRIAL
+group may say them; where none does, the length of the file says how many there are.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from itertools import product
+
+from mocap_fit.errors import FileFormatError, MocapFitWarning
+from mocap_fit.io.c3d_structure import BLOCK, Structure
+from mocap_fit.size_limit import check_size
+
+_LONG = 65535
+"""A last frame of this number means that the header's 16 bits did not suffice."""
+
+_MEMORY = 25
+"""Bytes of a point in memory: three coordinates and its origin."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What a frame holds: four numbers a point, then the analog samples.
+
+    Parameters
+    ----------
+    points
+        Number of points of all kinds.
+    analog
+        Number of analog samples.
+    width
+        Bytes of a number: 2 for integers, 4 for floats.
+    """
+
+    points: int
+    analog: int
+    width: int
+
+    @property
+    def size(self) -> int:
+        """Size of a frame, bytes."""
+        return self.width * (4 * self.points + self.analog)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Location of the points in a file.
+
+    Parameters
+    ----------
+    frames
+        Number of frames.
+    first
+        Number of the first frame, from 0.
+    frame
+        What a frame holds.
+    """
+
+    frames: int
+    first: int
+    frame: Frame
+
+
+def determine_layout(structure: Structure) -> Layout:
+    """Determine where the points of a file are.
+
+    Parameters
+    ----------
+    structure
+        Header and parameters of the file.
+
+    Returns
+    -------
+    Layout
+        Location of the points.
+
+    Raises
+    ------
+    FileFormatError
+        If the file holds no points or no frames, or less than it says.
+
+    Warns
+    -----
+    MocapFitWarning
+        If the file contradicts itself, is cut off, or holds more frames than it says.
+    """
+    kinds = _list_frame_kinds(structure)
+    counts = _list_frame_counts(structure)
+    available = structure.data_end - structure.data_start
+    smallest = min(kind.size for kind in kinds)
+    frames = next((count for count in counts if count * smallest <= available), 0)
+    fits = [(available - frames * kind.size, kind) for kind in kinds]
+    left, kind = next(
+        (fit for fit in fits if 0 <= fit[0] <= BLOCK),
+        min((fit for fit in fits if fit[0] >= 0), key=lambda fit: fit[0], default=fits[0]),
+    )
+    if frames == 0:
+        left, frames = -1, _count_remaining(structure, counts[0], kinds, available)
+    if left > BLOCK and structure.get_word(5) == _LONG:
+        kind = kinds[0]
+        frames = _count_by_length(structure, kind, available)
+        _warn(structure, f"it says {max(counts)} frames and holds {frames}; all are read")
+    elif left >= 0:
+        _warn_of_contradictions(structure, frames, kind.points)
+        if left > BLOCK and len(kinds) > 1:
+            _warn(structure, "header and parameters contradict each other, and neither fills it")
+    check_size(frames * kind.points * _MEMORY, path=structure.path)
+    return Layout(frames, _find_first_frame(structure, frames), kind)
+
+
+def _list_frame_kinds(structure: Structure) -> list[Frame]:
+    """Return what a frame may hold, the most probable first."""
+    points = [structure.get_word(2), structure.get_count("POINT", "USED") or 0]
+    samples, per_frame = structure.get_word(3), structure.get_word(10)
+    channels = structure.get_count("ANALOG", "USED") or 0
+    ratio = structure.get_value("ANALOG", "RATE") / (structure.get_value("POINT", "RATE") or 1)
+    analog = [samples, channels * per_frame]
+    if samples == channels:
+        # Some programs write the number of channels for that of the samples.
+        analog.append(samples * per_frame)
+    if 1 <= ratio <= _LONG:
+        analog.append(channels * round(ratio))
+    scales = (structure.get_float(7), structure.get_value("POINT", "SCALE"))
+    # The sign of a scale says whether the numbers are floats.
+    widths = [4 if scale < 0 else 2 for scale in scales if scale and not math.isnan(scale)]
+    if not any(points):
+        _refuse_without_points(structure, any(analog))
+    if not widths:
+        structure.refuse("neither the header nor POINT:SCALE says a scale", "0")
+    kinds = [Frame(*each) for each in product(points, analog, widths) if each[0] > 0]
+    return list(dict.fromkeys(kinds))
+
+
+def _refuse_without_points(structure: Structure, has_analog: bool) -> None:
+    contents = ["rotations"] * (structure.get_value("ROTATION", "USED") > 0)
+    contents += ["analog data"] * has_analog
+    raise FileFormatError(
+        f"the file holds {' and '.join(contents)} only, no markers"
+        if contents
+        else "the file holds no markers",
+        path=structure.path,
+        advice="Export a recording with markers.",
+    )
+
+
+def _list_frame_counts(structure: Structure) -> list[int]:
+    """Return how many frames there may be, the most probable first."""
+    first, last = structure.get_word(4), structure.get_word(5)
+    header, trial = _count_header_frames(structure), _read_trial(structure)
+    names = ("LONG_FRAMES", "FRAMES")
+    noted = [structure.get_count("POINT", name) or 0 for name in names]
+    noted.insert(1, trial[1] - trial[0] + 1 if trial else 0)
+    if last == _LONG:
+        counts = sorted([header, *noted], reverse=True)
+    else:
+        # A count that did not suffice may have lost its upper bits.
+        longer = [count for count in noted if count > _LONG and (count - header) % 2**16 == 0]
+        counts = [*longer, header, *noted]
+    counts = [count for count in dict.fromkeys(counts) if count > 0]
+    if not counts:
+        structure.refuse("the recording has no frames", f"first {first}, last {last}")
+    return counts
+
+
+def _count_header_frames(structure: Structure) -> int:
+    first, last = structure.get_word(4), structure.get_word(5)
+    return 0 if first == last == 0 else max(last - first + 1, 0)
+
+
+def _read_trial(structure: Structure) -> tuple[int, int] | None:
+    """Return the numbers of the first and the last frame of the trial."""
+    first = structure.get_count("TRIAL", "ACTUAL_START_FIELD")
+    last = structure.get_count("TRIAL", "ACTUAL_END_FIELD")
+    return None if first is None or last is None else (first, last)
+
+
+def _find_first_frame(structure: Structure, frames: int) -> int:
+    """Return the number of the first frame, from 0."""
+    first, trial = structure.get_word(4), _read_trial(structure)
+    if trial and ((trial[0] - first) % 2**16 == 0 or trial[1] - trial[0] + 1 == frames):
+        first = trial[0]
+    # Frames count from 1; some programs begin with 0.
+    return max(first - 1, 0)
+
+
+def _count_remaining(structure: Structure, count: int, kinds: list[Frame], available: int) -> int:
+    """Return the number of frames of a file that is cut off."""
+    frames = available // kinds[0].size
+    if len(kinds) > 1:
+        structure.refuse(
+            "header and parameters contradict each other, and the file is shorter than both say",
+            f"{available} bytes of data",
+            f"{count} frames of {' or '.join(str(kind.size) for kind in kinds)} bytes",
+        )
+    if frames == 0:
+        structure.refuse("the file is cut off in its data", "no frame", f"{count} frames")
+    _warn(structure, f"it is cut off: {frames} of {count} frames are there; these are read")
+    return frames
+
+
+def _count_by_length(structure: Structure, kind: Frame, available: int) -> int:
+    """Return the number of frames that fill the file, but for the zeros in its last block."""
+    with structure.path.open("rb") as file:
+        file.seek(structure.data_start + available - BLOCK)
+        block = file.read(BLOCK)
+    zeros = len(block) - len(block.rstrip(b"\0"))
+    return min(-(-(available - zeros) // kind.size), available // kind.size)
+
+
+def _warn_of_contradictions(structure: Structure, frames: int, points: int) -> None:
+    noted, header = structure.get_count("POINT", "USED"), structure.get_word(2)
+    if noted is not None and noted != header:
+        text = f"its header says {header} points and POINT:USED {noted}; {points} are read"
+        _warn(structure, text)
+    noted, header = structure.get_count("POINT", "FRAMES"), _count_header_frames(structure)
+    has_upper_bits = frames > _LONG or structure.get_word(5) == _LONG
+    if noted is not None and noted != header and not has_upper_bits:
+        text = f"its header says {header} frames and POINT:FRAMES {noted}; {frames} are read"
+        _warn(structure, text)
+
+
+def _warn(structure: Structure, text: str) -> None:
+    warnings.warn(f"{structure.path}: {text}", MocapFitWarning, stacklevel=5)
