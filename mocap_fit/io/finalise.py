@@ -235,8 +235,11 @@ def _warn_of_unit(path: Path, positions: FloatArray) -> None:
 def _check_locations(path: Path, positions: FloatArray) -> None:
     if len(positions) == 0:
         raise FileFormatError("the recording has no frames", path=path, expected="one or more")
-    far = np.abs(positions) > _FARTHEST
-    if far.any():
+    # Gaps do not count.
+    low = np.fmin.reduce(positions, axis=None, initial=0.0)
+    high = np.fmax.reduce(positions, axis=None, initial=0.0)
+    if max(-low, high) > _FARTHEST:
+        far = np.abs(positions) > _FARTHEST
         raise FileFormatError(
             "a position is out of range",
             path=path,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -82,7 +83,7 @@ class Tracks:
         object.__setattr__(self, "names", tuple(str(name) for name in self.names))
         object.__setattr__(self, "provenance", tuple(self.provenance))
         object.__setattr__(self, "events", tuple(self.events))
-        duplicates = sorted({n for n in self.names if self.names.count(n) > 1})
+        duplicates = sorted(n for n, count in Counter(self.names).items() if count > 1)
         if duplicates:
             raise DataError(
                 f"{self.noun} names must be unique",
