@@ -58,6 +58,27 @@ class Titles:
         return self.frame + (self.time_unit is not None)
 
 
+def find_separator(line: str) -> Separator:
+    """Return the separator that splits a line into the most cells.
+
+    Parameters
+    ----------
+    line
+        A row of titles.
+
+    Returns
+    -------
+    str
+        A tab, a semicolon or a comma.
+
+    Raises
+    ------
+    FileFormatError
+        Without a path, if the line cannot be split.
+    """
+    return max(_SEPARATORS, key=lambda mark: len(split_cells(line, mark)))
+
+
 def parse_titles(lines: list[str]) -> Titles:
     """Parse the titles in the first one or two rows.
 
@@ -76,7 +97,7 @@ def parse_titles(lines: list[str]) -> Titles:
     FileFormatError
         Without a path, if they are not those of markers.
     """
-    separator = max(_SEPARATORS, key=lambda mark: len(split_cells(lines[0], mark)))
+    separator = find_separator(lines[0])
     first = split_cells(lines[0], separator)
     second = split_cells(lines[1], separator) if len(lines) > 1 else []
     axes = [_split_unit(cell)[0].lower() for cell in second]

@@ -24,7 +24,7 @@ import numpy as np
 
 from mocap_fit.errors import FileFormatError, MocapFitWarning, add_path
 from mocap_fit.io import finalise
-from mocap_fit.io.csv_titles import Separator
+from mocap_fit.io.csv_titles import Separator, find_separator
 from mocap_fit.io.names import name_tracks
 from mocap_fit.io.number_table import NumberTable, parse_number, read_numbers
 from mocap_fit.io.qualisys_header import is_title_row
@@ -168,7 +168,7 @@ def _read_header(text: TextFile) -> tuple[dict[str, str], Separator, list[tuple[
         raise FileFormatError(
             "the file is cut off in its header", path=text.path, line=text.number, advice=_AGAIN
         )
-    separator: Separator = "\t" if "\t" in lines[2] else ";" if ";" in lines[2] else ","
+    separator = find_separator(lines[2])
     words, values = (line.replace('"', "").split(separator) for line in lines[:2])
     if len(words) < 3:
         words, values = (line.split() for line in lines[:2])

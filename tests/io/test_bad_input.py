@@ -15,7 +15,7 @@ from mocap_fit import io
 from mocap_fit.errors import FileFormatError, MocapFitError
 from mocap_fit.io import READERS
 
-OWN = ("c3d", "csv", "parquet", "qualisys-tsv", "trc")
+OWN = ("c3d", "csv", "motive-csv", "nexus-csv", "parquet", "qualisys-tsv", "trc")
 
 # File, line (None where a line means nothing), words of the message.
 DEFECTS: list[tuple[str, int | None, str]] = [
@@ -94,6 +94,26 @@ DEFECTS: list[tuple[str, int | None, str]] = [
     ("titles_only.csv", 2, "no row of numbers"),
     ("uneven_times.csv", 7, "found 0.02 s after the frame before, expected 0.01 s"),
     ("unknown_unit.csv", 1, "'ell'"),
+    ("motive_cut_off.csv", 4, "titles of the columns are missing"),
+    ("motive_frame_left_out.csv", 11, "frame 4 after frame 2"),
+    ("motive_no_markers.csv", 7, "found rigid body, expected Marker"),
+    ("motive_no_titles.csv", 14, "titles of the columns are missing"),
+    ("motive_no_unit.csv", 1, "expected Length Units"),
+    ("motive_short_row.csv", 18, "found 44, expected 45"),
+    ("motive_text_in_a_number.csv", 18, "chin position z is not a number"),
+    ("motive_titles_only.csv", 8, "no row of numbers"),
+    ("motive_unknown_unit.csv", 1, "'Furlongs'"),
+    ("nexus_frame_left_out.csv", 9, "frame 5 after frame 3"),
+    ("nexus_header_cut_off.csv", 3, "cut off in its header"),
+    ("nexus_names_moved.csv", None, "found 7 names and 5 trajectories"),
+    ("nexus_no_rows.csv", 6, "no row of numbers"),
+    ("nexus_no_titles.csv", 4, "titles of the trajectories are missing"),
+    ("nexus_no_trajectories.csv", None, "found devices, expected Trajectories"),
+    ("nexus_rate_in_words.csv", 2, "'fast'"),
+    ("nexus_several_units.csv", None, "mm, m"),
+    ("nexus_text_in_a_number.csv", 9, "chin Z is not a number"),
+    ("nexus_velocities.csv", 5, "'mm/s'"),
+    ("nexus_zero_rate.csv", 2, "found 0 Hz"),
     ("broken_parameters.c3d", None, "chain of parameters"),
     ("contradictory_points.c3d", None, "12 frames of 144 or 80 bytes"),
     ("data_cut_off.c3d", None, "cut off in its data"),
@@ -115,6 +135,8 @@ READER_OF = {
     ".csv": "csv",
     ".c3d": "c3d",
     ".parquet": "parquet",
+    "motive": "motive-csv",
+    "nexus": "nexus-csv",
 }
 
 every_reader = pytest.mark.parametrize("reader", OWN)
@@ -144,7 +166,8 @@ def test_a_defect_is_told(
     name: str, line: int | None, words: str, named: bool, defects: Path
 ) -> None:
     path = defects / name
-    error = refused(path, READER_OF[path.suffix] if named else None)
+    reader = READER_OF.get(name.split("_")[0], READER_OF[path.suffix])
+    error = refused(path, reader if named else None)
     assert words in str(error)
     assert error.line == line
 
@@ -255,6 +278,8 @@ def test_garbage(reader: str, content: bytes, tmp_path: Path) -> None:
         "opensim_metres.trc",
         "semicolons.csv",
         "two_rows.csv",
+        "motive.csv",
+        "nexus_subject_sections.csv",
         "points.c3d",
         "markers.parquet",
     ],
