@@ -176,11 +176,14 @@ def _read_chronological(tokens: Tokens) -> tuple[float, float, tuple[Tier, ...]]
     while len(heads) < count:
         heads.append(_take_tier_head(tokens))
     entries: list[list[Label]] = [[] for _ in heads]
+    indices = {str(index + 1): index for index in range(len(heads))}
     while tokens.kind != "end":
         number = tokens.value
-        index = tokens.take_count(f"the number of a tier, 1 to {count}") - 1
-        if not 0 <= index < count:
-            raise tokens.create_error("there is no such tier", number, f"1 to {count}")
+        index = indices.get(number, -1)
+        if tokens.kind != "number" or index < 0:
+            value = f"'{shorten(number, 40)}'"
+            raise tokens.create_error("there is no such tier", value, f"a number up to {count}")
+        tokens.advance()
         where = f"entry {len(entries[index]) + 1} of tier {number}"
         entries[index].append(_take_entry(tokens, heads[index][0], where))
     pairs = zip(heads, entries, strict=True)
