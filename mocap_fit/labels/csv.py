@@ -93,8 +93,7 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     Returns
     -------
     tuple of Labels
-        The only utterance of the file; of an aligner's table with several speakers, one of each,
-        with the speaker's name.
+        The only utterance of the file; the tiers of several speakers have their names.
 
     Raises
     ------
@@ -114,7 +113,7 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
                 advice="Add the line of names; times are seconds.",
             )
         rows = csv.reader(io.StringIO(content, newline=""), delimiter=delimiter)
-        return _parse_table(rows, delimiter, path)
+        return (_parse_table(rows, delimiter, path),)
     except csv.Error as error:
         raise FileFormatError("this is not a table", path=path, found=error) from None
 
@@ -123,7 +122,7 @@ def _parse_table(
     rows: csv._reader,  # type: ignore[name-defined]
     delimiter: str,
     path: str | os.PathLike[str],
-) -> tuple[Labels, ...]:
+) -> Labels:
     names = next(rows)
     columns = _find_time_columns(names)
     assert columns is not None
@@ -150,19 +149,19 @@ def _parse_table(
             for c, title in enumerate(names)
             if c not in columns
         ]
-        return (_create_labels(tiers, name),)
+        return _create_labels(tiers, name)
     text, tier, speaker = parts
-    speakers: dict[str, dict[str, list[Label]]] = {}
+    by_tier: dict[tuple[str, str], list[Label]] = {}
     for pair, row in zip(times, cells, strict=True):
-        of_speaker = speakers.setdefault("" if speaker is None else row[speaker], {})
-        of_speaker.setdefault(row[tier], []).append(Label(*pair, row[text]))
-    return tuple(
-        _create_labels(
-            [Tier(title, tuple(entries)) for title, entries in tiers_of_speaker.items()],
-            name if len(speakers) == 1 else title_of_speaker,
-        )
-        for title_of_speaker, tiers_of_speaker in speakers.items()
-    )
+        key = ("" if speaker is None else row[speaker].strip(), row[tier].strip())
+        by_tier.setdefault(key, []).append(Label(*pair, row[text]))
+    # Named as in the TextGrids of the same aligner.
+    several = len({one for one, _ in by_tier}) > 1
+    tiers = [
+        Tier(f"{one} - {title}" if several else title, tuple(entries))
+        for (one, title), entries in by_tier.items()
+    ]
+    return _create_labels(tiers, name)
 
 
 def _find_parts(

@@ -7,14 +7,16 @@ full context. ``[3]`` behind a name is a state of its model, and ``s3`` one on a
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from mocap_fit.labels.types import Label
 
-_TRIPHONE = re.compile(r"[^-+\s]++-(?P<centre>[^+\s]++)\+[^+\s]++")
-_LEFT = re.compile(r"(?P<left>[^-+\s]++)-(?P<centre>[^+\s]++)")
-_RIGHT = re.compile(r"(?P<centre>[^-+\s]++)\+(?P<right>[^+\s]++)")
-_FULL = re.compile(r"[^^]*+\^[^-]*+-(?P<centre>[^+]++)\+[^=]*+=.*+", re.DOTALL)
+_TRIPHONE = re.compile(r"[^-+\s]++-[^+\s]++\+[^+\s]++")
+_LEFT = re.compile(r"([^-+\s]++)-([^+\s]++)")
+_RIGHT = re.compile(r"([^-+\s]++)\+([^+\s]++)")
+# The name with its left context, and the right context.
+_IN_CONTEXT = re.compile(r"([^-+\s][^+\s]*+)(?:\+([^+\s]++))?")
+_IN_FULL_CONTEXT = re.compile(r"[^^]*+\^([^+]++)\+([^=]*+)=.*+", re.DOTALL)
 _STATE = re.compile(r"(.*)\[([0-9]{1,3})\]", re.DOTALL)
 _STATE_ALONE = re.compile(r"s[0-9]{1,3}")
 
@@ -81,16 +83,23 @@ def extract_centres(entries: Sequence[Label]) -> list[Label]:
         The same labels; unchanged where there are no contexts.
     """
     names = [entry.text for entry in entries]
-    if any(_FULL.fullmatch(name) for name in names):
-        patterns = [_FULL]
+    if any(_IN_FULL_CONTEXT.fullmatch(name) for name in names):
+        pattern = _IN_FULL_CONTEXT
     elif any(_TRIPHONE.fullmatch(n) for n in names) or any(map(_has_agreement, names, names[1:])):
-        patterns = [_TRIPHONE, _LEFT, _RIGHT]
+        pattern = _IN_CONTEXT
     else:
         return list(entries)
-    return [
-        Label(entry.start, entry.end, _extract_centre(entry.text, patterns), entry.extra)
-        for entry in entries
-    ]
+    parts = [pattern.fullmatch(name) for name in names]
+    known = {match[2] for match in parts if match is not None}
+    centres = []
+    expected = None
+    for entry, match in zip(entries, parts, strict=True):
+        centre = entry.text
+        if match is not None:
+            centre = _extract_centre(match[1], expected, known)
+        expected = None if match is None else match[2]
+        centres.append(Label(entry.start, entry.end, centre, entry.extra))
+    return centres
 
 
 def _has_agreement(before: str, after: str) -> bool:
@@ -98,6 +107,9 @@ def _has_agreement(before: str, after: str) -> bool:
     return right is not None and left is not None and right.groups() == left.groups()
 
 
-def _extract_centre(name: str, patterns: Sequence[re.Pattern[str]]) -> str:
-    matches = (pattern.fullmatch(name) for pattern in patterns)
-    return next((match["centre"] for match in matches if match is not None), name)
+def _extract_centre(name: str, expected: str | None, known: Collection[str | None]) -> str:
+    """Return a name without its left context; either may hold a hyphen, as TIMIT's ``ax-h``."""
+    if expected and f"-{name}".endswith(f"-{expected}"):
+        return expected
+    _, hyphen, centre = name.partition("-")
+    return centre if hyphen and name not in known else name

@@ -72,7 +72,7 @@ def read_phones(
     table
         Replacements for labels that the set lacks, by label.
     name
-        Name of the utterance, where the file holds several (.mlf, or speakers in a CSV).
+        Name of the utterance, where the file holds several (.mlf).
     reader
         Name of the format, such as ``textgrid``; determined from the file where not given.
     rate

@@ -163,7 +163,7 @@ def _is_transcript(file: Path) -> bool:
 def read_all_labels(
     path: str | os.PathLike[str], *, reader: str | None = None, rate: float | None = None
 ) -> tuple[Labels, ...]:
-    """Read every utterance of a file; a .mlf has several, an aligner's CSV one a speaker.
+    """Read every utterance of a file of labels; only a .mlf has several.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def read_labels(
     path
         File to read.
     name
-        Name of the utterance, where the file holds several (.mlf, or speakers in a CSV).
+        Name of the utterance, where the file holds several (.mlf).
     reader
         Name of the format, such as ``textgrid``; determined from the file where not given.
     rate
