@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 import os
 import re
 import tomllib
@@ -30,6 +31,23 @@ Dask = Annotated[
 Dictionary = Annotated[Path | None, Option(help="A pronouncing dictionary in CMU's format.")]
 Face = Annotated[str, Option(help="The face: built-in, or a rig file.")]
 Layout = Annotated[str, Option(help="The marker layout: a shipped name, or a TOML file.")]
+
+Rate = Annotated[
+    float | None, Option(metavar="HZ", help="Frames per second, in place of what the file says.")
+]
+Unit = Annotated[
+    str | None, Option(metavar="mm|cm|m", help="Unit of length, in place of what the file says.")
+]
+Subject = Annotated[
+    str | None, Option(metavar="NAME", help="Whose markers are read, where several are recorded.")
+]
+Rename = Annotated[
+    list[str] | None,
+    Option(metavar="OLD=NEW", help="Another name of a marker; as often as needed."),
+]
+AllowMirrored = Annotated[
+    bool, Option("--allow-mirrored", help="Mend recordings that are mirror images.")
+]
 
 _BETWEEN = re.compile(r"(\d+(?:\.\d*)?)-(\d+(?:\.\d*)?)")
 
@@ -152,6 +170,48 @@ def parse_between(text: str | None) -> tuple[float, float] | None:
             f"'{text}' is not START-END in seconds, such as 12.5-60", param_hint="--between"
         )
     return float(match[1]), float(match[2])
+
+
+def parse_reading(
+    rate: float | None, unit: str | None, subject: str | None, rename: Sequence[str] | None
+) -> dict[str, Any]:
+    """Return how recordings are read: keywords of the commands' functions.
+
+    Parameters
+    ----------
+    rate
+        Frame rate, hertz.
+    unit
+        Unit of length.
+    subject
+        Subject whose markers are read.
+    rename
+        ``OLD=NEW`` each.
+
+    Returns
+    -------
+    dict[str, Any]
+        The values.
+
+    Raises
+    ------
+    typer.BadParameter
+        If one is not possible: the call is wrong.
+    """
+    if rate is not None and not 0 < rate < math.inf:
+        raise typer.BadParameter(f"{rate:g} is not a number above 0", param_hint="--rate")
+    if unit is not None:
+        check_choice(unit, ("mm", "cm", "m"), "--unit")
+    pairs: dict[str, str] = {}
+    for text in rename or ():
+        old, _, new = text.partition("=")
+        old, new = old.strip(), new.strip()
+        if not old or not new:
+            raise typer.BadParameter(f"'{text}' is not OLD=NEW", param_hint="--rename")
+        if old in pairs:
+            raise typer.BadParameter(f"'{old}' is renamed twice", param_hint="--rename")
+        pairs[old] = new
+    return {"rate": rate, "unit": unit, "subject": subject, "rename": pairs or None}
 
 
 def parse_settings(settings: Sequence[str]) -> dict[str, Any]:

@@ -42,6 +42,11 @@ def _fit(
     smooth: Annotated[
         bool, Option("--smooth", help="Fit all frames together, as smooth as the data say.")
     ] = False,
+    allow_mirrored: arguments.AllowMirrored = False,
+    rename: arguments.Rename = None,
+    rate: arguments.Rate = None,
+    unit: arguments.Unit = None,
+    subject: arguments.Subject = None,
     jobs: arguments.Jobs = 1,
     dask: arguments.Dask = None,
     fresh: Annotated[
@@ -56,6 +61,7 @@ def _fit(
     """
     arguments.check_workers(dask, jobs)
     part = arguments.parse_between(between)
+    reading = arguments.parse_reading(rate, unit, subject, rename)
     from corpus_tools.cli import corpus_printing
     from corpus_tools.conversion.fit import fit as run
     from mocap_fit.fitting.objective import OBJECTIVES
@@ -74,6 +80,8 @@ def _fit(
             solver=arguments.check_choice(solver, SOLVERS, "--solver"),
             refine_pose=refine_pose,
             smooth=smooth,
+            allow_mirrored=allow_mirrored,
+            **reading,
             jobs=jobs,
             cluster=dask,
             fresh=fresh,
@@ -109,6 +117,11 @@ def _convert(
         str | None, Option(help="In place of the manifest's; needed without one.")
     ] = None,
     layout: Annotated[str | None, Option(help="In place of the manifest's.")] = None,
+    allow_mirrored: arguments.AllowMirrored = False,
+    rename: arguments.Rename = None,
+    rate: arguments.Rate = None,
+    unit: arguments.Unit = None,
+    subject: arguments.Subject = None,
     jobs: arguments.Jobs = 1,
     dask: arguments.Dask = None,
     fresh: Annotated[
@@ -132,6 +145,7 @@ def _convert(
     a manifest is explained by `mocap-fit convert --example`.
     """
     arguments.check_workers(dask, jobs)
+    reading = arguments.parse_reading(rate, unit, subject, rename)
     from corpus_tools.cli import corpus_printing
     from corpus_tools.conversion.convert import convert as run
 
@@ -142,6 +156,8 @@ def _convert(
             out=out,
             phone_set=phone_set,
             layout=layout,
+            allow_mirrored=allow_mirrored,
+            **reading,
             jobs=jobs,
             cluster=dask,
             fresh=fresh,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from corpus_tools.cli import console, display
+from corpus_tools.cli import arguments, console, display
 from corpus_tools.cli.arguments import Argument, AsJson, Option
 from corpus_tools.cli.console import Status
 
@@ -51,9 +51,14 @@ def _info(
     questions: Annotated[
         bool, Option("--questions", help="How much each question of a CART model matters.")
     ] = False,
+    rename: arguments.Rename = None,
+    rate: arguments.Rate = None,
+    unit: arguments.Unit = None,
+    subject: arguments.Subject = None,
     as_json: AsJson = False,
 ) -> None:
     """Show what recordings, labels, sound, models and corpora hold; look into trees."""
+    reading = arguments.parse_reading(rate, unit, subject, rename)
     if tree is not None or svg is not None or explain is not None or questions:
         if len(files) != 1:
             raise typer.BadParameter("give one model", param_hint="FILE")
@@ -70,7 +75,7 @@ def _info(
         elif not as_json:
             print_contents(content)
 
-    report = run(files, progress=show)
+    report = run(files, **reading, progress=show)
     if as_json:
         display.print_json(report.contents)
     raise typer.Exit(Status.BAD_DATA if report.errors else Status.DONE)
@@ -94,6 +99,10 @@ def _validate(
     phone_set: Annotated[
         str | None, Option(help="The phone set: a shipped name, or a TOML file.")
     ] = None,
+    rename: arguments.Rename = None,
+    rate: arguments.Rate = None,
+    unit: arguments.Unit = None,
+    subject: arguments.Subject = None,
     load_codes: Annotated[
         bool, Option("--codes", help="List all that can be found, and end.")
     ] = False,
@@ -105,6 +114,7 @@ def _validate(
     """
     from corpus_tools.cli import validation_printing
 
+    reading = arguments.parse_reading(rate, unit, subject, rename)
     if load_codes:
         validation_printing.print_codes(as_json=as_json)
         return
@@ -119,6 +129,7 @@ def _validate(
             layout=layout,
             phone_set=phone_set,
             page=html,
+            **reading,
             progress=progress,
         )
     if as_json:

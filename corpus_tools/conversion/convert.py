@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from corpus_tools.batch import BatchProgress, ItemResult, run_batch
 from corpus_tools.conversion.entries import list_entries, list_recordings
@@ -27,6 +28,11 @@ def convert(
     root: str | os.PathLike[str] | None = None,
     phone_set: str | None = None,
     layout: str | None = None,
+    allow_mirrored: bool = False,
+    rate: float | None = None,
+    unit: str | None = None,
+    subject: str | None = None,
+    rename: Mapping[str, str] | None = None,
     jobs: int = 1,
     cluster: str | None = None,
     fresh: bool = False,
@@ -49,6 +55,17 @@ def convert(
         In place of the manifest's phone set; needed where there is no manifest.
     layout
         In place of the manifest's marker layout.
+    allow_mirrored
+        Whether mirrored recordings and reference poses are mended, and not refused; also where
+        the manifest does not say so.
+    rate
+        Frame rate of the recordings, hertz, in place of what manifest and files say.
+    unit
+        Unit of length of the files, such as ``m``, in place of what manifest and files say.
+    subject
+        Subject whose markers are read, where files name several.
+    rename
+        New names of markers by those in the files, besides those of the manifest.
     jobs
         Number of processes; 0 for one per core.
     cluster
@@ -70,7 +87,17 @@ def convert(
         used, or the folder holds something else.
     """
     began = time.perf_counter()
-    settings, base = _read_manifest(Path(manifest), phone_set, layout)
+    options = {
+        "phone_set": phone_set,
+        "layout": layout,
+        "rate": rate,
+        "unit": unit,
+        "subject": subject,
+        "rename": dict(rename) if rename else None,
+        "fit": {"allow_mirrored": True} if allow_mirrored else None,
+    }
+    changes = {key: value for key, value in options.items() if value is not None}
+    settings, base = _read_manifest(Path(manifest), changes)
     base = base if root is None else Path(root)
     if not base.is_dir():
         raise ConfigurationError(
@@ -92,15 +119,16 @@ def convert(
     return ConversionReport(folder, entries, results, sorted(unlisted), removed, seconds)
 
 
-def _read_manifest(path: Path, phone_set: str | None, layout: str | None) -> tuple[Manifest, Path]:
-    """Return the manifest, and the folder that its paths are under."""
-    options = {"phone_set": phone_set, "layout": layout}
-    changes = {key: value for key, value in options.items() if value is not None}
+def _read_manifest(path: Path, changes: Mapping[str, Any]) -> tuple[Manifest, Path]:
+    """Return the manifest with some keys changed, and the folder that its paths are under."""
     if path.is_dir() and (path / _MANIFEST).is_file():
         path = path / _MANIFEST
     if not path.is_dir():
-        return load_manifest(path).model_copy(update=changes), path.parent
-    if phone_set is None:
+        content = load_manifest(path).model_dump()
+        for key, value in changes.items():
+            content[key] = {**content[key], **value} if isinstance(value, dict) else value
+        return Manifest.model_validate(content), path.parent
+    if "phone_set" not in changes:
         raise ConfigurationError(
             f"there is no {_MANIFEST}, and nothing says which phones the labels are written in",
             path=path,

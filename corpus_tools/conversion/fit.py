@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import hashlib
+import json
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +19,7 @@ from mocap_fit.errors import ConfigurationError
 from mocap_fit.fitting.memory import check_memory
 from mocap_fit.fitting.objective import Objective
 from mocap_fit.fitting.speaker import Speaker, fit_speaker
-from mocap_fit.io import READERS, read_tracks
+from mocap_fit.io import READERS, ReadOptions
 from mocap_fit.tracks import write_parquet
 
 _Path = str | os.PathLike[str]
@@ -106,13 +107,16 @@ class _FitJob:
     speaker: Speaker
     settings: FitSettings
     between: tuple[float, float] | None
+    options: ReadOptions
+    allow_mirrored: bool
     fingerprint_of_all: str
     step: str = "fit_recording"
 
     def compute_fingerprint(self, item: Item, sums: Mapping[str, str]) -> str:
         (name,) = item.sources
         # The file's name is in the result too.
-        parts = [self.fingerprint_of_all, name, sums[name]]
+        read = json.dumps([self.options.to_dict(), self.allow_mirrored], sort_keys=True)
+        parts = [self.fingerprint_of_all, read, name, sums[name]]
         if self.between is not None:
             parts += map(repr, self.between)
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
@@ -123,7 +127,7 @@ class _FitJob:
     def process(self, item: Item, context: Context) -> Mapping[str, Any]:
         with context.time("reading"):
             path = context.folder / item.sources[0]
-            recording = read_tracks(path)
+            recording = self.options.read_tracks(path)
             if self.between is not None:
                 recording = recording.between(*self.between)
             check_memory(
@@ -135,6 +139,7 @@ class _FitJob:
                 free=context.free_memory,
             )
         with context.time("head_motion"):
+            recording = self.speaker.prepare(recording, allow_mirrored=self.allow_mirrored)
             still, motion = self.speaker.remove_head_motion(recording)
         # A long recording is not held in both coordinates.
         del recording
@@ -173,6 +178,11 @@ def fit(
     solver: str = "newton-nlopt",
     refine_pose: bool = False,
     smooth: bool = False,
+    allow_mirrored: bool = False,
+    rate: float | None = None,
+    unit: str | None = None,
+    subject: str | None = None,
+    rename: Mapping[str, str] | None = None,
     jobs: int = 1,
     cluster: str | None = None,
     fresh: bool = False,
@@ -205,6 +215,16 @@ def fit(
         Whether the pose of the head is fitted together with the shape.
     smooth
         Whether all frames are fitted together, as smooth as the data say.
+    allow_mirrored
+        Whether mirrored recordings and a mirrored reference pose are mended, and not refused.
+    rate
+        Frame rate of the recordings, hertz, in place of what the files say.
+    unit
+        Unit of length of the files, such as ``m``, in place of what they say.
+    subject
+        Subject whose markers are read, where files name several.
+    rename
+        New names of markers by those in the files.
     jobs
         Number of processes; 0 for one per core.
     cluster
@@ -228,11 +248,19 @@ def fit(
     began = time.perf_counter()
     listed = [recordings] if isinstance(recordings, (str, os.PathLike)) else recordings
     files = find_recordings([Path(path) for path in listed])
-    speaker = fit_speaker(face, layout, Path(reference))
+    options = ReadOptions(rate, unit, subject, rename or {})
+    speaker = fit_speaker(
+        face,
+        layout,
+        Path(reference),
+        allow_mirrored=allow_mirrored,
+        read=options.read_tracks,
+    )
     settings = FitSettings(
         objective=objective, solver=solver, refine_pose=refine_pose, smooth=smooth
     )
-    job = _FitJob(speaker, settings, between, speaker.compute_fingerprint(**settings))
+    shared = speaker.compute_fingerprint(**settings)
+    job = _FitJob(speaker, settings, between, options, allow_mirrored, shared)
     seconds = {"speaker": time.perf_counter() - began}
     items = [_to_item(file) for file in files]
     results = run_batch(

@@ -17,9 +17,13 @@ from pydantic import Field, model_validator
 
 from mocap_fit.fitting.objective import Objective
 from mocap_fit.fitting.solving import SOLVERS
+from mocap_fit.io import ReadOptions
 from mocap_fit.settings_file import StrictModel, load_settings
 from mocap_fit.sound import SOUND_ENDINGS, SyncKind
 from mocap_fit.sound.estimate import MAX_OFFSET
+
+Unit = Literal["mm", "cm", "m"]
+"""Units of length that a recording may be in, whatever it says."""
 
 NAME = re.compile(r"[^\s./\\*?\[\]][^/\\*?\[\]]*")
 """What may be part of a file's name."""
@@ -170,6 +174,8 @@ class Fit(StrictModel):
         Whether all frames are fitted together.
     size_varies
         Whether recordings differ in size; None for what the layout says.
+    allow_mirrored
+        Whether mirrored recordings and reference poses are mended, and not refused.
     """
 
     objective: Objective = "distances"
@@ -177,6 +183,7 @@ class Fit(StrictModel):
     refine_pose: bool = False
     smooth: bool = False
     size_varies: bool | None = None
+    allow_mirrored: bool = False
 
     @model_validator(mode="after")
     def _check_solver(self) -> Self:
@@ -237,7 +244,13 @@ class Manifest(StrictModel):
     face
         ``built-in``, or a rig file under the root.
     rate
-        Frames per second that every recording must have, hertz; None for any.
+        Frames per second of every recording, hertz; None for what their files say.
+    unit
+        Unit of length of the recordings; None for what their files say.
+    subject
+        Subject whose markers are read, where files name several.
+    rename
+        New names of markers by those in the files.
     start_time
         The first frame on the clock of the sound, seconds; None for the file's.
     recordings, labels, sound
@@ -260,6 +273,9 @@ class Manifest(StrictModel):
     layout: str = "face30-head5"
     face: str = "built-in"
     rate: float | None = Field(default=None, gt=0)
+    unit: Unit | None = None
+    subject: str | None = None
+    rename: dict[str, str] = Field(default_factory=dict)
     start_time: float | None = None
     recordings: Recordings = Recordings()
     labels: LabelFiles = LabelFiles()
@@ -283,6 +299,11 @@ class Manifest(StrictModel):
             if speaker not in known:
                 raise ValueError(f"session '{session}' is of '{speaker}', who is no speaker here")
         return self
+
+    @property
+    def reading(self) -> ReadOptions:
+        """How the recordings are read."""
+        return ReadOptions(self.rate, self.unit, self.subject, self.rename)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the settings as the corpus's provenance has them.

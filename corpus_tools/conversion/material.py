@@ -11,15 +11,12 @@ from typing import Any
 import numpy as np
 
 from corpus_tools.conversion.plan import Settings, UtteranceItem
-from mocap_fit.errors import DataError, MissingRateError, MocapFitError, MocapFitWarning, add_path
-from mocap_fit.io import read_tracks
+from mocap_fit.errors import DataError, MocapFitError, MocapFitWarning, add_path
 from mocap_fit.labels import read_phones
 from mocap_fit.phones import PhoneSequence, UnknownPhone, find_unknown_phones
 from mocap_fit.sound import Sound, energy_db, synchronise
 from mocap_fit.tracks import MarkerTracks
 
-# Relative difference between the rates of recording and manifest that rounding may explain.
-_SAME_RATE = 5e-4
 # Parts per million that the clocks of two devices may differ by.
 _USUAL_DRIFT = 300.0
 # Seconds by which a label may reach beyond the recording or the sound.
@@ -34,7 +31,7 @@ class UnknownPhonesError(DataError):
 
 
 def read_recording(settings: Settings, root: Path, item: UtteranceItem) -> MarkerTracks:
-    """Read a recording, whose rate must be that of the manifest.
+    """Read a recording as the manifest says, with the names and handedness of its reference pose.
 
     Parameters
     ----------
@@ -53,24 +50,16 @@ def read_recording(settings: Settings, root: Path, item: UtteranceItem) -> Marke
     Raises
     ------
     MocapFitError
-        If it cannot be read, or its rate contradicts the manifest.
+        If it cannot be read, lacks markers of the layout, or is mirrored.
     """
-    path, rate = root / item.recording, settings.manifest.rate
+    manifest = settings.manifest
+    recording = manifest.reading.read_tracks(root / item.recording)
     try:
-        recording = read_tracks(path)
-    except MissingRateError:
-        if rate is None:
-            raise
-        recording = read_tracks(path, rate=rate)
-    if rate is not None and abs(recording.rate / rate - 1.0) > _SAME_RATE:
-        raise DataError(
-            "the frame rate is not that of the manifest",
-            path=path,
-            found=f"{recording.rate:g} Hz",
-            expected=f"{rate:g} Hz",
-            advice="Correct the manifest, or export the recording at its own rate.",
+        return settings.speakers[item.entry.reference].prepare(
+            recording, allow_mirrored=manifest.fit.allow_mirrored
         )
-    return recording
+    except DataError as error:
+        raise add_path(error, root / item.recording) from None
 
 
 def read_labels(

@@ -151,14 +151,20 @@ def make_plan(manifest: Manifest, entries: tuple[Entry, ...], root: Path) -> Pla
     set_file = None if is_shipped else (Path(set_name).name, Path(set_name).read_bytes())
     layout = _set_size_varies(load_layout(layout_name), manifest.fit.size_varies, layout_name)
     lips = _find_lips(layout, layout_name) if manifest.sync.kind == "estimate" else None
-    options = cast(FitSettings, manifest.fit.model_dump(exclude={"size_varies"}))
+    options = cast(FitSettings, manifest.fit.model_dump(exclude={"size_varies", "allow_mirrored"}))
     speakers: dict[str, Speaker] = {}
     fingerprints: dict[str, str] = {}
     unusable: dict[str, str] = {}
     shared = _sum_shared(manifest, b"" if set_file is None else set_file[1])
     for pattern in sorted({entry.reference for entry in entries}):
         try:
-            speaker = fit_speaker(face_name, layout_name, _find_reference(root, pattern))
+            speaker = fit_speaker(
+                face_name,
+                layout_name,
+                _find_reference(root, pattern),
+                allow_mirrored=manifest.fit.allow_mirrored,
+                read=manifest.reading.read_tracks,
+            )
             speaker = dataclasses.replace(speaker, layout=layout)
         except (MocapFitError, OSError) as error:
             unusable[pattern] = describe_error(error)
@@ -203,8 +209,9 @@ def _find_reference(root: Path, pattern: str) -> Path:
 def _sum_shared(manifest: Manifest, phone_set_file: bytes) -> str:
     """Return a sum over how files are read and synchronised."""
     content = manifest.model_dump(
-        mode="json", include={"phone_set", "rate", "labels", "sound", "sync"}, exclude_none=True
+        mode="json", include={"phone_set", "labels", "sound", "sync"}, exclude_none=True
     )
+    content["reading"] = [manifest.reading.to_dict(), manifest.fit.allow_mirrored]
     for part in ("labels", "sound"):
         content[part].pop("pattern")
     total = hashlib.sha256(json.dumps(content, sort_keys=True).encode())

@@ -15,7 +15,7 @@ import numpy as np
 from mocap_fit.corpus import DESCRIPTION_FILE, Corpus, open_corpus
 from mocap_fit.errors import DataError, MocapFitWarning
 from mocap_fit.fitting.memory import check_memory, estimate_memory
-from mocap_fit.io import describe
+from mocap_fit.io import ReadOptions, describe
 from mocap_fit.labels import (
     LABEL_READERS,
     Tier,
@@ -31,13 +31,15 @@ from mocap_fit.tracks.parquet_file import read_kind
 _LISTED = 40
 
 
-def describe_contents(path: str | os.PathLike[str]) -> Mapping[str, Any]:
+def describe_contents(path: str | os.PathLike[str], options: ReadOptions) -> Mapping[str, Any]:
     """Describe what a file or a folder holds, whatever its kind.
 
     Parameters
     ----------
     path
         A recording, parameters, phones, labels, sound, a trained model, or a corpus's folder.
+    options
+        How recordings are read.
 
     Returns
     -------
@@ -61,7 +63,7 @@ def describe_contents(path: str | os.PathLike[str]) -> Mapping[str, Any]:
     elif zipfile.is_zipfile(file):
         content = _describe_model(path)
     else:
-        content = _describe_recording(path)
+        content = _describe_recording(path, options)
     return {"file": os.fspath(path), **content}
 
 
@@ -219,8 +221,8 @@ def _describe_model(path: str | os.PathLike[str]) -> dict[str, Any]:
     }
 
 
-def _describe_recording(path: str | os.PathLike[str]) -> dict[str, Any]:
-    content = describe(path)
+def _describe_recording(path: str | os.PathLike[str], options: ReadOptions) -> dict[str, Any]:
+    content = describe(path, read=options.read)
     if content["content"] == "markers":
         size = content["frames"], len(content["markers"])
         content["memory_to_fit"] = round(estimate_memory(*size) / 2**30, 2)

@@ -9,6 +9,7 @@ from typing import Any
 
 from corpus_tools.inspection.contents import describe_contents
 from mocap_fit.errors import MocapFitError, describe_error
+from mocap_fit.io import ReadOptions
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +37,10 @@ class Info:
 def info(
     files: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     *,
+    rate: float | None = None,
+    unit: str | None = None,
+    subject: str | None = None,
+    rename: Mapping[str, str] | None = None,
     progress: Callable[[Mapping[str, Any], MocapFitError | OSError | None], object] | None = None,
 ) -> Info:
     """Describe files; a bad one does not keep the others from being described.
@@ -44,6 +49,14 @@ def info(
     ----------
     files
         Recordings, labels, sound, trained models, folders of corpora.
+    rate
+        Frame rate of the recordings, hertz, in place of what the files say.
+    unit
+        Unit of length of the files, such as ``m``, in place of what they say.
+    subject
+        Subject whose markers are read, where files name several.
+    rename
+        New names of markers by those in the files.
     progress
         Called after every file with its record, and its error or None.
 
@@ -52,12 +65,13 @@ def info(
     Info
         Records of the files.
     """
+    options = ReadOptions(rate, unit, subject, rename or {})
     listed = [files] if isinstance(files, (str, os.PathLike)) else files
     contents: list[Mapping[str, Any]] = []
     for file in listed:
         fault: MocapFitError | OSError | None = None
         try:
-            content: Mapping[str, Any] = describe_contents(file)
+            content: Mapping[str, Any] = describe_contents(file, options)
         except (MocapFitError, OSError) as error:
             fault = error
             content = {"file": os.fspath(file), "error": describe_error(error)}

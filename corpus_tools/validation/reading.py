@@ -31,7 +31,7 @@ from mocap_fit.errors import (
     RateMismatchError,
     RegistryError,
 )
-from mocap_fit.io import READERS, read
+from mocap_fit.io import READERS, ReadOptions
 from mocap_fit.labels import LABEL_READERS, Label, Labels, Tier, find_phone_tier, read_all_labels
 from mocap_fit.phones import PhoneSet
 from mocap_fit.sound import SOUND_ENDINGS, read_sound
@@ -339,7 +339,9 @@ def _is_labels(path: Path) -> bool:
     return bool(LABEL_READERS.get("csv").sniff(path))
 
 
-def read_files(files: Files, phone_set: PhoneSet | None) -> tuple[list[Subject], list[Finding]]:
+def read_files(
+    files: Files, phone_set: PhoneSet | None, options: ReadOptions
+) -> tuple[list[Subject], list[Finding]]:
     """Read the files of one utterance.
 
     Parameters
@@ -348,6 +350,8 @@ def read_files(files: Files, phone_set: PhoneSet | None) -> tuple[list[Subject],
         Of several recordings (or sounds, or labels) of one name each is an utterance of its own.
     phone_set
         To find the tier of phones.
+    options
+        How recordings are read.
 
     Returns
     -------
@@ -368,7 +372,7 @@ def read_files(files: Files, phone_set: PhoneSet | None) -> tuple[list[Subject],
             subjects.append(subject)
         return subject
 
-    for file, tracks in _read_each(files.recordings, read, files.name, findings):
+    for file, tracks in _read_each(files.recordings, options.read, files.name, findings):
         if isinstance(tracks, MarkerTracks):
             one = take_subject("markers")
             one.files["markers"], one.markers = file, tracks

@@ -27,6 +27,7 @@ from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.face import Rig
 from mocap_fit.face.lips import compute_lip_gap
 from mocap_fit.fitting import Layout
+from mocap_fit.io import ReadOptions
 from mocap_fit.labels import Tier
 from mocap_fit.phones import PhoneSet
 from mocap_fit.sound import Sound, estimate_offset
@@ -49,6 +50,8 @@ class Context:
         The phone set; None where it is not known.
     rate
         Frame rate that the recordings should have, hertz; None where it is not known.
+    options
+        How files of recordings are read.
     """
 
     limits: Thresholds
@@ -56,6 +59,7 @@ class Context:
     rig: Rig | None = None
     phone_set: PhoneSet | None = None
     rate: float | None = None
+    options: ReadOptions = field(default_factory=ReadOptions)
 
 
 @dataclass

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +21,10 @@ def validate(
     layout: str | None = None,
     phone_set: str | None = None,
     page: str | os.PathLike[str] | None = None,
+    rate: float | None = None,
+    unit: str | None = None,
+    subject: str | None = None,
+    rename: Mapping[str, str] | None = None,
     progress: TaskProgress | None = None,
 ) -> Report:
     """Check recordings, labels, sound and corpora.
@@ -38,6 +42,14 @@ def validate(
         Name or file of the phone set, in place of what a corpus says.
     page
         A new HTML file with the report and its pictures; None for no page.
+    rate
+        Frame rate of the recordings, hertz, in place of what the files say.
+    unit
+        Unit of length of the files, such as ``m``, in place of what they say.
+    subject
+        Subject whose markers are read, where files name several.
+    rename
+        New names of markers by those in the files.
     progress
         Called with a task, the number of its steps done, and of all.
 
@@ -54,6 +66,7 @@ def validate(
     from corpus_tools.validation import Context, Report, load_thresholds
     from mocap_fit.corpus import DESCRIPTION_FILE
     from mocap_fit.fitting import load_layout
+    from mocap_fit.io import ReadOptions
     from mocap_fit.phones import load_phone_set
 
     if page is not None and not Path(page).absolute().parent.is_dir():
@@ -66,6 +79,7 @@ def validate(
         limits,
         None if layout is None else load_layout(layout),
         phone_set=None if phone_set is None else load_phone_set(phone_set),
+        options=ReadOptions(rate, unit, subject, rename or {}),
     )
     report = Report(limits)
     loose = []
@@ -144,7 +158,7 @@ def _validate_files(
     if groups:
         advance = count_steps(progress, "checking files", len(groups))
         for files in groups:
-            subjects, findings = reading.read_files(files, context.phone_set)
+            subjects, findings = reading.read_files(files, context.phone_set, context.options)
             report.add(findings)
             for subject in subjects:
                 findings, summary = check_subject(subject, context)

@@ -328,6 +328,7 @@ def fit_speaker(
     reference: MarkerTracks | str | Path,
     *,
     allow_mirrored: bool = False,
+    read: Callable[[str | Path], MarkerTracks] = read_tracks,
 ) -> Speaker:
     """Prepare a speaker: fit the orientation of the reference pose and bind the markers.
 
@@ -341,6 +342,8 @@ def fit_speaker(
         The reference pose, or a file of it: the median over its frames is used.
     allow_mirrored
         Whether a face's mirror image is turned round, and not refused.
+    read
+        How the file of the reference pose is read, such as `ReadOptions.read_tracks`.
 
     Returns
     -------
@@ -376,7 +379,7 @@ def fit_speaker(
     rig = load_face(face) if isinstance(face, (str, Path)) else face
     face_name = Path(face).name if isinstance(face, (str, Path)) else type(face).__name__
     markers = layout if isinstance(layout, Layout) else load_layout(layout)
-    pose = reference if isinstance(reference, MarkerTracks) else read_tracks(reference)
+    pose = reference if isinstance(reference, MarkerTracks) else read(reference)
     # Errors name the file that the user can mend.
     layout_path = (markers.name or "layout") if isinstance(layout, Layout) else layout
     reference_path = (pose.name or "reference") if pose is reference else str(reference)

@@ -1,5 +1,6 @@
 """Readers of recordings, one module a format, found through a registry; writers; samples."""
 
+from mocap_fit.io.options import ReadOptions
 from mocap_fit.io.qualisys_tsv_writer import write_qualisys_tsv
 from mocap_fit.io.readers import (
     READERS,
@@ -15,6 +16,7 @@ from mocap_fit.io.writers import write_tracks
 
 __all__ = [
     "READERS",
+    "ReadOptions",
     "Reader",
     "describe",
     "find_reader",

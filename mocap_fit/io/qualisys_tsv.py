@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from mocap_fit.errors import FileFormatError, MocapFitWarning
 from mocap_fit.io import finalise
-from mocap_fit.io.number_table import read_numbers
+from mocap_fit.io.number_table import parse_number, read_numbers
 from mocap_fit.io.qualisys_columns import find_columns
 from mocap_fit.io.qualisys_header import (
     KNOWN_KEYWORDS,
@@ -137,12 +137,13 @@ def read(
         table = read_numbers(
             block, columns.titles, "\t", first_line, text.path, rows, numbered=bool(columns.lead)
         )
+    said = parse_number(header.get_text("FREQUENCY") or "")
     used_rate, start_time = determine_timing(
         table,
         frame=columns.find("frame"),
         time=columns.find("time"),
         rate=rate,
-        file_rate=header.get_rate() if rate is None else None,
+        file_rate=header.get_rate() if rate is None else said,
         line=header.lines.get("FREQUENCY"),
     )
     kind: type[MarkerTracks | PoseTracks] = MarkerTracks

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -272,7 +272,7 @@ def read_tracks(
         "subject": subject,
         "rename": rename,
     }
-    return _check_kind(read(path, reader=reader, **options), MarkerTracks, path)
+    return check_kind(read(path, reader=reader, **options), MarkerTracks, path)
 
 
 def read_poses(
@@ -325,18 +325,22 @@ def read_poses(
         "subject": subject,
         "rename": rename,
     }
-    return _check_kind(read(path, reader=reader, **options), PoseTracks, path)
+    return check_kind(read(path, reader=reader, **options), PoseTracks, path)
 
 
-def describe(path: str | os.PathLike[str], **options: Any) -> dict[str, Any]:
+def describe(
+    path: str | os.PathLike[str],
+    *,
+    read: Callable[[str | os.PathLike[str]], Tracks] = read,
+) -> dict[str, Any]:
     """Describe the content of a recording by values that JSON can hold.
 
     Parameters
     ----------
     path
         File to read.
-    **options
-        Options of `read`.
+    read
+        How it is read, such as `ReadOptions.read`.
 
     Returns
     -------
@@ -355,7 +359,7 @@ def describe(path: str | os.PathLike[str], **options: Any) -> dict[str, Any]:
         If the file cannot be read.
     """
     name = find_reader(path)
-    tracks = read(path, reader=name, **options)
+    tracks = read(path)
     about = {"file": os.fspath(path), "format": name, "description": READERS.get(name).description}
     return about | tracks.describe()
 
@@ -376,7 +380,28 @@ def _check_options(name: str, source: Reader, options: Mapping[str, Any], path: 
             )
 
 
-def _check_kind(tracks: Tracks, kind: type[_Kind], path: str | os.PathLike[str]) -> _Kind:
+def check_kind(tracks: Tracks, kind: type[_Kind], path: str | os.PathLike[str]) -> _Kind:
+    """Return tracks that are of a kind.
+
+    Parameters
+    ----------
+    tracks
+        Tracks of any kind.
+    kind
+        The kind that is needed.
+    path
+        File for the message.
+
+    Returns
+    -------
+    Tracks
+        The same tracks.
+
+    Raises
+    ------
+    DataError
+        If they are of another kind.
+    """
     if isinstance(tracks, kind):
         return tracks
     raise DataError(

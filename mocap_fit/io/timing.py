@@ -18,6 +18,8 @@ from mocap_fit.errors import (
 from mocap_fit.io.number_table import NumberTable
 from mocap_fit.tracks import FloatArray
 
+# Relative difference between two rates that rounding may explain.
+_SAME_RATE = 5e-4
 _GIVE_RATE = "Give the rate of the recording (rate=..., in hertz)."
 _KNOWN_RATES = (24000 / 1001, 30000 / 1001, 60000 / 1001, 120000 / 1001)
 
@@ -109,7 +111,8 @@ def determine_timing(
     Warns
     -----
     MocapFitWarning
-        If the times are used in place of the header's rate, or are probably milliseconds.
+        If the times are used in place of the header's rate, or are probably milliseconds; if the
+        rate of the caller is another than that of the file.
     """
     if frame is not None:
         _check_consecutive(table, table.values[:, frame])
@@ -121,6 +124,7 @@ def determine_timing(
             raise MissingRateError(
                 "the file does not say its frame rate", path=table.path, line=line, advice=advice
             )
+        warn_of_rate(table.path, rate, file_rate)
         return known, 0.0
     times = table.values[:, time] * time_unit
     resolution = 10.0 ** (round(np.log10(time_unit)) - table.count_decimals(time))
@@ -137,7 +141,35 @@ def determine_timing(
     start = float(times[0])
     if np.isnan(start):
         raise _create_error(table, 0, "the first frame has no time")
+    if rate is not None and file_rate is None and times[-1] > start:
+        file_rate = (len(times) - 1) / float(times[-1] - start)
+    warn_of_rate(table.path, rate, file_rate)
     return known, start
+
+
+def warn_of_rate(path: Path, rate: float | None, file_rate: float | None) -> None:
+    """Warn that the caller's frame rate is another than the file's.
+
+    Parameters
+    ----------
+    path
+        The file.
+    rate
+        Rate of the caller, hertz; None without one.
+    file_rate
+        Rate of the file, hertz; None where it does not say one.
+
+    Warns
+    -----
+    MocapFitWarning
+        If both are there and differ by more than rounding explains.
+    """
+    if rate and file_rate and not abs(file_rate / rate - 1.0) <= _SAME_RATE:
+        warnings.warn(
+            f"{path}: the file says {file_rate:.6g} Hz; {rate:g} Hz is used, as given",
+            MocapFitWarning,
+            stacklevel=4,
+        )
 
 
 def _create_error(table: NumberTable, row: int, problem: str, **details: Any) -> FrameTimesError:

@@ -137,7 +137,8 @@ def read(
             advice="Give the unit (unit=...), or export the recording again.",
         )
     scale = finalise.get_millimetres(unit, path=text.path, line=3)
-    file_rate = _parse_rate(text, values) if rate is None else None
+    said = parse_number(values.get("datarate", ""))
+    file_rate = _parse_rate(text, values) if rate is None else said
     used_rate, start_time = determine_timing(table, frame=0, time=1, rate=rate, file_rate=file_rate)
     return finalise.create_tracks(
         MarkerTracks,

@@ -133,12 +133,6 @@ BAD = {
     "no pulses": (no_pulses, "does not hold a pulse for every frame"),
     "the first pulse lost": (first_pulse_lost, "first or the last pulse is missing"),
     "one channel": (one_channel, "there is no channel 2"),
-    "another frame rate": (
-        lambda lab, name: write_qualisys_tsv(
-            read_tracks(recording(lab, name), rate=60.0), recording(lab, name)
-        ),
-        r"the frame rate is not that of the manifest \(found 60 Hz, expected 30 Hz\)",
-    ),
     "labels after the recording": (late_labels, "labels are outside the recording"),
     "only silence": (only_silence, "no phone but silence"),
     "a tier that is not there": (
