@@ -65,7 +65,13 @@ class MocapFitError(Exception):
         if self.frame is not None:
             location.append(f"frame {self.frame}")
         text = ", ".join(location) + ": " if location else ""
-        text += self.problem
+        # A message is one line, whatever the file held.
+        return " ".join((text + self.cause).split())
+
+    @property
+    def cause(self) -> str:
+        """The message without the file, the line and the frame: what many files may share."""
+        text = self.problem
         comparison = []
         if self.found is not None:
             comparison.append(f"found {shorten(self.found)}")
@@ -75,7 +81,6 @@ class MocapFitError(Exception):
             text += f" ({', '.join(comparison)})"
         if self.advice:
             text += f". {self.advice}"
-        # A message is one line, whatever the file held.
         return " ".join(text.split())
 
 

@@ -9,7 +9,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, Protocol, TypeVar
 
 from mocap_fit.errors import MocapFitError, MocapFitWarning, add_path, describe_error
@@ -110,6 +110,24 @@ class Context:
         """
         return " ".join(text.replace(f"{self.folder}{os.sep}", self.item.prefix).split())
 
+    def leave_out_item(self, text: str) -> str:
+        """Return a message without the names of the item's files, to compare it with others'.
+
+        Parameters
+        ----------
+        text
+            A message, from `rename_paths`.
+
+        Returns
+        -------
+        str
+            The message with ``*`` for what the files are called.
+        """
+        for source in self.item.sources:
+            path = PurePath(source)
+            text = text.replace(source, str(path.with_name(f"*{path.suffix}")))
+        return text
+
 
 @dataclass(frozen=True, eq=False)
 class ItemResult:
@@ -129,6 +147,8 @@ class ItemResult:
         The attribute ``details`` of the error, if it has one.
     warnings
         What was warned about, one line each.
+    causes
+        By error and warning: the same without what is of this item alone.
     seconds
         Time spent on each part of the work, in seconds.
     files
@@ -143,6 +163,7 @@ class ItemResult:
     error: str | None = None
     details: Any = None
     warnings: tuple[str, ...] = ()
+    causes: Mapping[str, str] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
     files: Mapping[str, bytes] = field(default_factory=dict)
     traceback: str | None = None
@@ -233,6 +254,7 @@ def try_item(context: Context, work: Callable[[], Mapping[str, Any]]) -> ItemRes
     item = context.item
     figures: Mapping[str, Any] = {}
     message = trace = details = None
+    causes: dict[str, str] = {}
     with catch_warnings(context) as lines:
         try:
             figures = work()
@@ -245,13 +267,17 @@ def try_item(context: Context, work: Callable[[], Mapping[str, Any]]) -> ItemRes
             message = describe_error(error)
             if getattr(error, "path", None) is None and getattr(error, "filename", None) is None:
                 message = f"{source}: {message}"
+            cause = error.cause if isinstance(error, MocapFitError) else message
             message = context.rename_paths(message)
+            causes[message] = context.leave_out_item(context.rename_paths(cause))
+    causes |= {line: context.leave_out_item(line) for line in lines}
     return ItemResult(
         item.name,
         figures,
         error=message,
         details=details,
         warnings=tuple(lines),
+        causes=causes,
         seconds=context.seconds,
         traceback=trace,
     )

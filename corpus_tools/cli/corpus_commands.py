@@ -67,8 +67,8 @@ def _fit(
     from mocap_fit.fitting.objective import OBJECTIVES
     from mocap_fit.fitting.solving import SOLVERS
 
-    print_result = corpus_printing.print_fit_result
-    with display.show_batch_progress("fitting recordings", print_result) as progress:
+    causes = corpus_printing.CausePrinter()
+    with display.show_batch_progress("fitting recordings", causes.show_result) as progress:
         report = run(
             recordings,
             reference=reference,
@@ -87,6 +87,7 @@ def _fit(
             fresh=fresh,
             progress=progress,
         )
+    causes.finish()
     display.print_report(report, corpus_printing.print_fit, as_json=as_json)
     raise typer.Exit(Status.BAD_DATA if report.errors else Status.DONE)
 
@@ -191,11 +192,12 @@ def _align(
     from corpus_tools.conversion.align import align as run
     from mocap_fit.errors import MocapFitError
 
+    causes = corpus_printing.CausePrinter()
     with display.show_progress() as show:
 
         def show_sound(done: int, total: int, error: MocapFitError | None) -> None:
             if error is not None:
-                console.print_error(error)
+                causes.show_error(str(error.path), error)
             show("aligning", done, total)
 
         report = run(
@@ -207,6 +209,7 @@ def _align(
             phone_set=phone_set,
             progress=show_sound,
         )
+    causes.finish()
     display.print_report(report, corpus_printing.print_alignment, as_json=as_json)
     raise typer.Exit(Status.BAD_DATA if report.errors else Status.DONE)
 

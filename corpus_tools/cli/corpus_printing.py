@@ -14,6 +14,7 @@ from corpus_tools.conversion.align import AlignReport
 from corpus_tools.conversion.fit import FitReport
 from corpus_tools.conversion.report import ConversionReport, list_names
 from corpus_tools.conversion.select_sentences import SelectionReport
+from mocap_fit.errors import MocapFitError
 
 _COLUMNS = {
     "frames": "frames",
@@ -29,18 +30,66 @@ _LISTED = 20
 _WORDS = 10
 
 
-def print_fit_result(result: ItemResult) -> None:
-    """Print the warnings and the error of a recording.
+class CausePrinter:
+    """Prints errors and warnings as they come: of one cause the first, and at the end a count."""
 
-    Parameters
-    ----------
-    result
-        What came of the recording.
-    """
-    for line in result.warnings:
-        console.say(f"warning: {result.name}: {line}")
-    if result.error is not None:
-        console.say(f"error: {result.error}")
+    def __init__(self) -> None:
+        self._repeated: dict[str, list[str]] = {}
+
+    def show(self, name: str, line: str, cause: str) -> None:
+        """Print a line, unless one of the same cause was printed.
+
+        Parameters
+        ----------
+        name
+            What the line is about, such as a recording.
+        line
+            The line.
+        cause
+            The same without what is of this recording alone.
+        """
+        if cause in self._repeated:
+            self._repeated[cause].append(name)
+        else:
+            self._repeated[cause] = []
+            console.say(line)
+
+    def show_error(self, name: str, error: MocapFitError) -> None:
+        """Print an error.
+
+        Parameters
+        ----------
+        name
+            What the error is about.
+        error
+            The error.
+        """
+        if console.is_debugging():
+            console.print_error(error)
+        else:
+            self.show(name, f"error: {error}", f"error: {error.cause}")
+
+    def show_result(self, result: ItemResult) -> None:
+        """Print the warnings and the error of a recording.
+
+        Parameters
+        ----------
+        result
+            What came of the recording.
+        """
+        for line in result.warnings:
+            cause = f"warning: {result.causes.get(line, line)}"
+            self.show(result.name, f"warning: {result.name}: {line}", cause)
+        if result.error is not None:
+            cause = f"error: {result.causes.get(result.error, result.error)}"
+            self.show(result.name, f"error: {result.error}", cause)
+
+    def finish(self) -> None:
+        """Print how often each cause came again, and where."""
+        for cause, names in self._repeated.items():
+            if names:
+                kind, _, text = cause.partition(": ")
+                console.say(f"{kind}: the same of {len(names)} more ({list_names(names)}): {text}")
 
 
 def print_fit(report: FitReport) -> None:

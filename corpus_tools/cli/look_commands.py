@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from corpus_tools.cli import arguments, console, display
 from corpus_tools.cli.arguments import Argument, AsJson, Option
 from corpus_tools.cli.console import Status
-
-if TYPE_CHECKING:
-    from mocap_fit.errors import MocapFitError
 
 
 def _demo(
@@ -67,15 +64,22 @@ def _info(
         print_model(files[0], tree=tree, svg=svg, explain=explain, as_json=as_json)
         return
     from corpus_tools.cli.contents_printing import print_contents
+    from corpus_tools.cli.corpus_printing import CausePrinter
     from corpus_tools.inspection.info import info as run
+    from mocap_fit.errors import MocapFitError
+
+    causes = CausePrinter()
 
     def show(content: Mapping[str, Any], error: MocapFitError | OSError | None) -> None:
-        if error is not None:
+        if isinstance(error, MocapFitError):
+            causes.show_error(content["file"], error)
+        elif error is not None:
             console.print_error(error)
         elif not as_json:
             print_contents(content)
 
     report = run(files, **reading, progress=show)
+    causes.finish()
     if as_json:
         display.print_json(report.contents)
     raise typer.Exit(Status.BAD_DATA if report.errors else Status.DONE)

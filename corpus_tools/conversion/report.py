@@ -118,13 +118,16 @@ def format_messages(results: Mapping[str, ItemResult], unlisted: Sequence[str] =
     list[str]
         The lines.
     """
-    warned = [(name, line) for name in sorted(results) for line in results[name].warnings]
-    lines = [f"warning: {name}: {line}" for name, line in warned[:_WARNINGS]]
+    warned: defaultdict[str, list[tuple[str, str]]] = defaultdict(list)
+    for name in sorted(results):
+        for line in results[name].warnings:
+            warned[results[name].causes.get(line, line)].append((name, line))
+    lines = [_format_cause("warning", c, each) for c, each in list(warned.items())[:_WARNINGS]]
     if len(warned) > _WARNINGS:
         lines.append(
             f"warning: {len(warned) - _WARNINGS} more: the column checks of the table has them"
         )
-    reasons: defaultdict[str, list[str]] = defaultdict(list)
+    reasons: defaultdict[str, list[tuple[str, str]]] = defaultdict(list)
     unknown: list[UnknownPhone] = []
     without: list[str] = []
     for name in sorted(results):
@@ -133,8 +136,9 @@ def format_messages(results: Mapping[str, ItemResult], unlisted: Sequence[str] =
             unknown += result.details
             without.append(name)
         elif result.error is not None:
-            reasons[result.error].append(name)
-    lines += [f"error: {list_names(names)}: {reason}" for reason, names in reasons.items()]
+            cause = result.causes.get(result.error, result.error)
+            reasons[cause].append((name, result.error))
+    lines += [_format_cause("error", cause, each) for cause, each in reasons.items()]
     if unlisted:
         lines.append(
             f"warning: {len(unlisted)} recordings are not in the table of sentences: "
@@ -146,6 +150,13 @@ def format_messages(results: Mapping[str, ItemResult], unlisted: Sequence[str] =
             "what to read them as in the manifest, [labels] table"
         )
     return lines
+
+
+def _format_cause(kind: str, cause: str, members: Sequence[tuple[str, str]]) -> str:
+    """Return a line about what one utterance says, or several for the same cause."""
+    if len(members) == 1:
+        return f"{kind}: {members[0][0]}: {members[0][1]}"
+    return f"{kind}: {len(members)} utterances ({list_names([n for n, _ in members])}): {cause}"
 
 
 def list_names(names: Sequence[str]) -> str:
