@@ -161,3 +161,44 @@ def test_a_class_of_the_user_needs_no_registration(small_corpus, new_phones):
 
     with pytest.raises(KeyError, match="mine"):
         Broken().fit(small_corpus)
+
+
+NETWORK = {
+    "groups": None, "hidden_units": None, "n_estimators": 1, "frames_behind": 15,
+    "frames_ahead": 15, "delays": 5, "stress": True, "max_iter": 30, "patience": 8,
+    "batch_size": 2, "learning_rate": 2e-3, "averaging": 0.98, "detrend": 0.0,
+    "random_state": 0, "phone_set": "",
+}  # fmt: skip
+SYMBOLS = {"phone_set": "", "stress": True}
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("mean", {}),
+        ("phone-mean", SYMBOLS),
+        ("ridge", SYMBOLS | {"context": 12, "l2": None}),
+        ("rule-based", {"stress": True, "rules": ""}),
+        ("cohen-massaro", SYMBOLS | {"max_iter": 30, "tol": 1e-3, "patience": 3, "l2": 1.0}),
+        (
+            "ohman",
+            SYMBOLS
+            | {"max_iter": 30, "tol": 1e-4, "patience": 3, "l2": 0.1, "hold": 0.07, "pause": 0.2},
+        ),
+        ("ann", NETWORK),
+        ("ann-low-latency", NETWORK | {"frames_behind": 28, "frames_ahead": 2}),
+        ("ann-ensemble", NETWORK | {"n_estimators": 4}),
+        (
+            "cart",
+            {
+                "min_samples_split": 6, "min_samples_leaf": 1, "max_depth": None, "cv": 10,
+                "min_impurity_decrease": 6.0, "pruning": "together", "one_standard_error": False,
+                "phone_order": "tree", "by_stress": True, "questions": "",
+                "resistance": "phone-set", "reach": 4, "interpolation": "cubic",
+                "smoothing": 0.0, "closures": {}, "hold": 0.5, "random_state": 0,
+            },
+        ),
+    ],
+)  # fmt: skip
+def test_settings_that_are_left_out_are_those_of_the_published_scores(name, settings):
+    assert control.create(name).get_params() == settings

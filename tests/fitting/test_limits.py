@@ -1,6 +1,7 @@
 """The limits that orientation, binding and settings have, on both sides of each."""
 
 import dataclasses
+import inspect
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from mocap_fit.fitting.binding import _list_candidates, check_recording
 from mocap_fit.fitting.layout import Layout
 from mocap_fit.fitting.objective import cost
 from mocap_fit.fitting.orientation import Orientation, move_by_pose
+from mocap_fit.fitting.speaker import Speaker
 
 
 @pytest.mark.parametrize(("size", "fits"), [(4.9, True), (5.1, False), (0.21, True), (0.19, False)])
@@ -224,3 +226,17 @@ class TestSettings:
         with pytest.raises(DataError, match="lacks markers of the layout") as caught:
             check_recording(binding, recording.select(recording.names[2:]))
         assert all(name in caught.value.problem for name in recording.names[:2])
+
+
+def test_settings_that_are_left_out_are_those_of_the_reference():
+    """Huber's knee at a millimetre, a gap of a fifth of a second, 50 rounds, 2000 evaluations."""
+    shape, over_time, fit = (
+        {n: p.default for n, p in inspect.signature(f).parameters.items()}
+        for f in (fit_shape, fit_over_time, Speaker.fit)
+    )
+    assert (shape["objective"], shape["solver"]) == ("distances", "newton-nlopt")
+    assert (shape["huber_threshold"], shape["maximum_evaluations"]) == (1.0, 2000)
+    assert (over_time["objective"], over_time["weight"]) == ("distances", None)
+    assert over_time["huber_threshold"] == 1.0
+    assert (over_time["maximum_gap"], over_time["maximum_rounds"]) == (0.2, 50)
+    assert shape["refine_pose"] is fit["refine_pose"] is fit["smooth"] is False
