@@ -7,8 +7,9 @@ starts it.
 
 Request: ``{"voice": "sv", "text": "...", "speed": 160}``.
 Answer: ``{"rate": 22050, "samples": 48962, "events": [[kind, sample, position, length, name],
-...]}`` or ``{"error": "voice", "voices": [...]}``. The kinds are ``word`` (position and length
-count characters, from 1) and ``phone`` (its name is IPA, with stress before it; none is a pause).
+...], "is_cut": false}`` or ``{"error": "voice", "voices": [...]}``. The kinds are ``word``
+(position and length count characters, from 1) and ``phone`` (its name is IPA, with stress before
+it; none is a pause). Speech is cut after an hour.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ _PHONE_EVENTS, _IPA = 1, 2
 _WORD, _PHONE = 1, 7
 _UTF8 = 1
 _SPEED = 1
+# Seconds.
+_LONGEST = 3600
 
 
 class _Identifier(ctypes.Union):
@@ -80,15 +83,17 @@ def _load_library() -> Any:
     return library, espeakng_loader.get_data_path().encode()
 
 
-def _list_voices(library: Any) -> list[str]:
+def _list_voices(library: Any) -> dict[str, bytes]:
+    """Return the identifiers of the voices by their languages."""
     voices = library.espeak_ListVoices(None)
-    tags = set()
+    identifiers: dict[str, bytes] = {}
     index = 0
     while voices[index]:
+        record = voices[index].contents
         # The first byte is a priority.
-        tags.add(voices[index].contents.languages[1:].decode("utf-8", "replace"))
+        identifiers.setdefault(record.languages[1:].decode("utf-8", "replace"), record.identifier)
         index += 1
-    return sorted(tags)
+    return identifiers
 
 
 def main() -> None:
@@ -96,11 +101,14 @@ def main() -> None:
     request = json.loads(sys.stdin.buffer.read())
     library, folder = _load_library()
     samples: list[bytes] = []
+    spoken = 0
     events: list[list[Any]] = []
 
     def receive(sound: Any, count: int, new: Any) -> int:
+        nonlocal spoken
         if sound and count > 0:
             samples.append(ctypes.string_at(sound, 2 * count))
+            spoken += count
         index = 0
         while (event := new[index]).type != 0:
             if event.type == _WORD:
@@ -109,20 +117,26 @@ def main() -> None:
                 name = _read_identifier(event).decode("utf-8", "ignore")
                 events.append(["phone", event.sample, 0, 0, name])
             index += 1
-        return 0
+        # 1 ends the speech.
+        return int(spoken >= _LONGEST * rate)
 
     callback = _Callback(receive)
     rate = library.espeak_Initialize(_RETRIEVAL, 0, folder, _PHONE_EVENTS | _IPA)
     library.espeak_SetSynthCallback(callback)
     answer: dict[str, Any]
-    if library.espeak_SetVoiceByName(request["voice"].encode()) != 0:
-        answer = {"error": "voice", "voices": _list_voices(library)}
+    voices = _list_voices(library)
+    name = request["voice"].encode("utf-8", "replace")
+    # Not every language is the name of a voice.
+    names = [name, voices.get(request["voice"], name)]
+    if all(library.espeak_SetVoiceByName(name) != 0 for name in names):
+        answer = {"error": "voice", "voices": sorted(voices)}
     else:
         library.espeak_SetParameter(_SPEED, int(request["speed"]), 0)
         text = request["text"].encode()
         library.espeak_Synth(text, len(text) + 1, 0, 1, 0, _UTF8, None, None)
         library.espeak_Synchronize()
-        answer = {"rate": rate, "samples": sum(map(len, samples)) // 2, "events": events}
+        is_cut = spoken >= _LONGEST * rate
+        answer = {"rate": rate, "samples": spoken, "events": events, "is_cut": is_cut}
     sys.stdout.buffer.write(json.dumps(answer).encode() + b"\n" + b"".join(samples))
 
 

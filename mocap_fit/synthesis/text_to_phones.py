@@ -8,10 +8,12 @@ mapped to a phone set.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import re
 import subprocess
 import sys
+import unicodedata
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.util import find_spec
@@ -42,6 +44,9 @@ _STRESS = {"ˈ": 1, "ˌ": 2}
 # Words a minute.
 _SLOWEST, _FASTEST = 80, 450
 _PUNCTUATION = re.compile(r"^[^\w]+|[^\w]+$")
+_LIGATURES = str.maketrans({"ʦ": "ts", "ʧ": "tʃ", "ʨ": "tɕ", "ʣ": "dz", "ʤ": "dʒ", "ʥ": "dʑ"})
+# "(en)": the voice of another language goes on. Names are cut after eight bytes.
+_CHANGE_OF_VOICE = re.compile(r"\([^)]*\)?")
 
 
 @dataclass(frozen=True)
@@ -198,25 +203,31 @@ class TextSpeaker:
             If there is nothing to say in the text, or the phone set lacks sounds of it.
         """
         speed = self.words_per_minute if words_per_minute is None else words_per_minute
+        # Bytes of the command line that are not text.
+        text = text.encode("utf-8", "replace").decode("utf-8")
         answer, samples = self._run_espeak(text, round(speed))
         rate = float(answer["rate"])
         pad = np.zeros(round((self.silence if silence is None else silence) * rate))
         sound = Sound(np.concatenate([pad, samples, pad]), rate, name=name)
-        segments: list[PhoneSegment] = []
-        for start, end, spoken, word in _list_spoken(answer["events"], len(samples), text):
+        segments: list[tuple[PhoneSegment, int]] = []
+        events = [event for event in map(self._clean_event, answer["events"]) if event]
+        positions = [position - 1 for kind, _, position, *_ in events if kind == "word"]
+        words = list(_match_words(positions, text))
+        for start, end, spoken, number in _list_spoken(events, len(samples)):
+            word = words[number] if number >= 0 else ""
             for first, last, phone, stress in self._split_spoken(start, end, spoken):
                 begin = round((first + len(pad)) / rate, _DECIMALS)
                 finish = round((last + len(pad)) / rate, _DECIMALS)
                 if begin < finish:
-                    segments.append(PhoneSegment(begin, finish, phone, stress, word))
-        if not any(segment.word for segment in segments):
+                    segments.append((PhoneSegment(begin, finish, phone, stress, word), number))
+        if not any(segment.word for segment, _ in segments):
             raise DataError(
                 "there is nothing to say in the text",
                 found=repr(text),
                 advice="Give words in the language of the voice.",
             )
-        segments = self._merge_pairs(segments)
-        phones = PhoneSequence(tuple(segments), phone_set="ipa", name=name)
+        merged = self._merge_pairs(segments)
+        phones = PhoneSequence(tuple(merged), phone_set="ipa", name=name)
         if self.phone_set.name == self._ipa.name:
             phones = normalise_phones(phones, self.phone_set)
         else:
@@ -249,7 +260,20 @@ class TextSpeaker:
                 expected=", ".join([*LANGUAGES, *answer["voices"]]),
                 advice="Name the language as espeak-ng does, such as de or en-gb.",
             )
+        if answer["is_cut"]:
+            raise DataError(
+                "the text is too long to be spoken at once",
+                found=f"{len(text)} characters",
+                expected=f"at most {answer['samples'] / answer['rate'] / 60:.0f} minutes of speech",
+                advice="Give it in parts.",
+            )
         return answer, np.frombuffer(raw, dtype="<i2").astype(np.float64) / 32768.0
+
+    def _clean_event(self, event: list[Any]) -> list[Any] | None:
+        """Return an event without what is no sound in it; None where nothing is left."""
+        name = _CHANGE_OF_VOICE.sub("", event[-1])
+        is_sound = not event[-1] or self._split_ipa(name.lstrip("".join(_STRESS)))
+        return [*event[:-1], name] if event[0] == "word" or is_sound else None
 
     def _split_spoken(
         self, start: int, end: int, spoken: str
@@ -270,7 +294,8 @@ class TextSpeaker:
     def _split_ipa(self, ipa: str) -> list[str]:
         """Return the phones of an event: one, or several where the voice names them as one."""
         parts: list[str] = []
-        ipa = self.voice.replacements.get(ipa, ipa)
+        # Some voices have capitals of ASCII, or ligatures.
+        ipa = self.voice.replacements.get(ipa, ipa).lower().translate(_LIGATURES)
         if len(ipa) > 1:
             # A vowel with its r is one event, and two phones.
             ipa = ipa.replace("ɹ", " ɹ ")
@@ -280,18 +305,23 @@ class TextSpeaker:
                 parts += self._split_ipa(first)
                 continue
             known = (n for n in range(len(ipa), 0, -1) if self._ipa.parse(ipa[:n]) is not None)
-            length = next(known, 1)
-            parts.append(ipa[:length])
+            length = next(known, 0)
+            # Tones, borders of syllables, and what only modifies a sound that has no such variant.
+            if length or (ipa[0].isalpha() and unicodedata.category(ipa[0]) != "Lm"):
+                parts.append(ipa[: max(length, 1)])
+            length = max(length, 1)
             ipa = ipa[length:].lstrip("".join(_STRESS))
         return parts
 
-    def _merge_pairs(self, segments: list[PhoneSegment]) -> list[PhoneSegment]:
+    def _merge_pairs(self, segments: list[tuple[PhoneSegment, int]]) -> list[PhoneSegment]:
         """Replace pairs of sounds in a word by what they are in the language of the voice."""
         merged: list[PhoneSegment] = []
-        for segment in segments:
-            before = merged[-1] if merged else segment
-            replacement = self.voice.pairs.get((before.phone, segment.phone))
-            if replacement is not None and before.word == segment.word:
+        word = -1
+        for segment, number in segments:
+            # Not by what is written: a word may come twice.
+            before = merged[-1] if number == word and merged else None
+            replacement = before and self.voice.pairs.get((before.phone, segment.phone))
+            if before is not None and replacement:
                 merged.pop()
                 first, _, second = replacement.partition(" ")
                 if second:
@@ -300,6 +330,7 @@ class TextSpeaker:
                 else:
                     segment = dataclasses.replace(segment, start=before.start, phone=first)
             merged.append(segment)
+            word = number
         return merged
 
 
@@ -349,20 +380,21 @@ def speak_text(
     return speaker.speak(text, name=name)
 
 
-def _list_spoken(
-    events: list[list[Any]], samples: int, text: str
-) -> list[tuple[int, int, str, str]]:
-    """Return start and end (samples), sound and word of each event; pauses have no sound."""
-    words = _match_words([position - 1 for kind, _, position, *_ in events if kind == "word"], text)
-    word = ""
-    starts: list[tuple[int, str, str]] = []
+def _list_spoken(events: list[list[Any]], samples: int) -> list[tuple[int, int, str, int]]:
+    """Return start and end (samples), sound and number of the word of each event.
+
+    Pauses have no sound, and -1 for the word.
+    """
+    word = -1
+    starts: list[tuple[int, str, int]] = []
     for kind, sample, _, _, name in events:
         if kind == "word":
-            word = next(words)
+            word += 1
         else:
-            starts.append((sample, name, word if name.lstrip("".join(_STRESS)) else ""))
+            starts.append((sample, name, word if name.lstrip("".join(_STRESS)) else -1))
+    starts = _order_starts(starts, samples)
     ends = [start for start, _, _ in starts[1:]] + [samples]
-    spoken: list[tuple[int, int, str, str]] = []
+    spoken: list[tuple[int, int, str, int]] = []
     for (start, name, word), end in zip(starts, ends, strict=True):
         if start == end and name and spoken and spoken[-1][2]:
             # An l after a vowel is part of the vowel's event, and is reported at its end.
@@ -371,6 +403,23 @@ def _list_spoken(
             spoken[-1] = first, start, vowel, its_word
         spoken.append((start, end, name, word))
     return spoken
+
+
+def _order_starts(starts: list[tuple[int, str, int]], samples: int) -> list[tuple[int, str, int]]:
+    """Return sounds in order of their starts, which those of fast speech are not always in.
+
+    Where the first of those that begin together follows no sound, they share the time until the
+    next.
+    """
+    times = np.maximum.accumulate([min(start, samples) for start, _, _ in starts] + [samples])
+    first = 0
+    for i in range(1, len(times)):
+        if times[i] == times[first]:
+            continue
+        if i - first > 1 and starts[first][1] and not (first and starts[first - 1][1]):
+            times[first:i] = np.linspace(times[first], times[i], i - first, endpoint=False)
+        first = i
+    return [(int(t), name, word) for t, (_, name, word) in zip(times[:-1], starts, strict=True)]
 
 
 def _match_words(positions: list[int], text: str) -> Iterator[str]:
@@ -384,7 +433,7 @@ def _match_words(positions: list[int], text: str) -> Iterator[str]:
     ends = np.array([end for _, end in spans], dtype=np.int64)
     first = [int(np.searchsorted(ends, position, side="right")) for position in positions]
     first = [max(0, min(index, len(spans) - 1)) for index in first]
-    for index, following in zip(first, [*first[1:], len(spans)], strict=True):
+    for index, following in itertools.pairwise([*first, len(spans)]):
         last = max(index, following - 1)
         yield " ".join(
             bare

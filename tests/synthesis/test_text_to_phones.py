@@ -4,11 +4,14 @@ import importlib.util
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mocap_fit.errors import ConfigurationError, DataError, MissingExtraError
 from mocap_fit.phones import find_unknown_phones, load_phone_set
 from mocap_fit.sound import energy_db
 from mocap_fit.synthesis import TextSpeaker, speak_text
+from mocap_fit.synthesis.text_to_phones import _order_starts
 
 pytest.importorskip("espeakng_loader")
 
@@ -142,7 +145,116 @@ def test_sounds_that_a_language_joins():
     assert without_silence(speak_text("Euros.", "en")).count("R") == 1
 
 
-@pytest.mark.parametrize("text", ["", "   ", "...", "\n"])
+def check(spoken):
+    """Its labels cover the sound in order, in the phone set."""
+    phones = spoken.phones
+    assert phones[0].start == 0
+    assert phones[len(phones) - 1].end == pytest.approx(spoken.sound.duration, abs=1e-4)
+    assert phones.find_gaps() == ()
+    assert (phones.ends > phones.starts).all()
+    assert not find_unknown_phones(phones, phones.phone_set)
+
+
+@pytest.mark.parametrize(
+    ("text", "count"),
+    [
+        ("red", 1),
+        ("Read this", 1),
+        ("Robert", 2),
+        ("err", 1),
+        ("roar roar", 4),
+        ("a rare rare r", 5),
+    ],
+)
+def test_a_text_that_begins_or_ends_with_r(text, count):
+    spoken = speak_text(text, "en", silence=0.0)
+    check(spoken)
+    said = without_silence(spoken)
+    assert said.count("R") + said.count("ER") == count
+
+
+@pytest.mark.parametrize("language", TEXTS)
+@pytest.mark.parametrize("letters", ["rtn", "ěř", "åö"])
+def test_every_letter_at_the_beginning_and_the_end(language, letters):
+    speaker = TextSpeaker(language, silence=0.0)
+    for letter in letters:
+        check(speaker.speak(f"{letter}a a{letter} {letter}{letter} {letter}"))
+
+
+@pytest.mark.parametrize(
+    ("text", "language", "speed"),
+    [
+        # Fast speech has sounds that end before they begin.
+        ("2026-11-27", "en", 450),
+        ("zmrzlina hrb", "en", 450),
+        ("ř", "sv", 450),
+        ("čtvrtek 50%", "cs", 450),
+        ("1,000,000 at 10:30", "en", 450),
+        # Letters of other languages are spoken by another voice.
+        ("car नमस्ते red", "sv", 160),
+        ("你好 こんにちは שלום", "cs", 160),
+        ("Ω ∑ °C", "hi", 160),
+        # Tones and modifiers.
+        ("你好", "cmn", 160),
+        ("tsch ts", "lb", 160),
+        ("//$5", "pl", 160),
+        ("🙂 👩‍👩‍👧 yes", "en", 160),
+        ("<speak>hi</speak> &amp; [[h@'loU]]", "en", 160),
+        ("r\udcffed \x00 \x07 \u202e", "en", 160),
+        ("hello", "en-gb", 160),
+    ],
+)
+def test_unusual_texts(text, language, speed):
+    if language not in TEXTS:
+        pytest.importorskip("panphon")
+    spoken = speak_text(text, language, words_per_minute=speed)
+    check(spoken)
+    assert len(without_silence(spoken)) > 1
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=60)
+@given(
+    text=st.lists(
+        st.one_of(
+            st.text("abcdefghijklmnopqrstuvwxyz' ", min_size=1, max_size=20),
+            st.text(max_size=8),
+            st.sampled_from(
+                ["red", "3.14", "½", "Dr.", "e.g.", "x²", "…", "žluť", "sjö", "你", "🙂"]
+            ),
+        ),
+        max_size=6,
+    ).map(" ".join),
+    language=st.sampled_from(["en", "sv", "cs", "de", "fr"]),
+    speed=st.sampled_from([80, 160, 450]),
+)
+def test_any_text_is_spoken_or_refused(text, language, speed):
+    try:
+        spoken = speak_text(text, language, words_per_minute=speed)
+    except DataError as error:
+        assert "nothing to say" in str(error)  # noqa: PT017
+    else:
+        check(spoken)
+
+
+def test_sounds_that_are_out_of_order():
+    def order(*starts):
+        return [t for t, _, _ in _order_starts([(t, n, 0) for t, n in starts], 100)]
+
+    assert order((0, ""), (20, "a"), (10, "b"), (60, "c")) == [0, 20, 40, 60]
+    assert order((30, "a"), (10, "b"), (60, "c")) == [30, 45, 60]
+    # One that follows a sound at once is taken out of its end later.
+    assert order((0, "a"), (50, "l"), (50, "b")) == [0, 50, 50]
+    assert order((0, ""), (100, "a"), (120, "b")) == [0, 100, 100]
+
+
+@pytest.mark.slow
+def test_a_text_of_more_than_an_hour():
+    with pytest.raises(DataError, match=r"too long.*at most 60 minutes"):
+        speak_text("It rained all day. " * 6000, "en")
+
+
+@pytest.mark.parametrize("text", ["", "   ", "...", "\n", "\0"])
 def test_a_text_without_speech(text):
     with pytest.raises(DataError, match="nothing to say"):
         speak_text(text, "sv")
