@@ -320,3 +320,50 @@ def test_a_time_may_be_off_by_a_quarter_of_a_frame(late, refused):
             from_frame(frame, "parameters", rate=50)
     else:
         assert from_frame(frame, "parameters", rate=50).frames == 6
+
+
+def test_a_single_parameter_has_residuals_too(tmp_path):
+    one = parameters().select(["lip"])
+    write_parquet(one, tmp_path / "x.parquet")
+    assert list(to_frame(one)) == ["utterance", "time", "lip", "lip_sd", "residual_mm"]
+    np.testing.assert_array_equal(read_parquet(tmp_path / "x.parquet").residuals, one.residuals)
+
+
+def test_a_rate_of_a_table_has_nine_digits_and_its_start_a_billionth():
+    table = to_frame(parameters())
+    table.attrs = {}
+    assert from_frame(table.iloc[:2], "parameters").rate == pytest.approx(60, abs=2e-9)
+    assert from_frame(table, "parameters").rate == 60
+    third = ParameterTracks(("jaw",), 100 / 3, np.zeros((4, 1)))
+    table = to_frame(third)
+    table.attrs = {}
+    assert from_frame(table, "parameters").rate == round(100 / 3, 9)
+    # Noted times are taken as they are unless they differ by more than a billionth of a second.
+    noted = to_frame(parameters(start_time=0.0))
+    for late, start in ((0.9e-9, 0.0), (1.1e-9, 1.1e-9)):
+        assert from_frame(noted.assign(time=noted["time"] + late)).start_time == start
+
+
+def test_what_is_given_is_stronger_than_what_is_noted():
+    table = to_frame(parameters())
+    assert from_frame(table, start_time=0.02).start_time == 0.02
+    moved = from_frame(table.drop(columns="time"), rate=30, start_time=5.0)
+    assert (moved.rate, moved.start_time, moved.frames) == (30, 5.0, 5)
+    with pytest.raises(DataError, match="frame 1: the times are not evenly spaced"):
+        from_frame(table, rate=30)
+    empty = from_frame(table.iloc[:0])
+    assert (empty.frames, empty.rate, empty.start_time) == (0, 60.0, 0.02)
+
+
+def test_kinds_are_guessed_by_the_endings_of_columns():
+    pose = PoseTracks(("head",), 50, np.tile(np.eye(3), (2, 1, 1, 1)), np.zeros((2, 1, 3)))
+    marker = MarkerTracks(("m",), 50, np.zeros((2, 1, 3)))
+    for tracks in (pose, marker, parameters()):
+        table = to_frame(tracks)
+        table.attrs = {}
+        assert type(from_frame(table)) is type(tracks)
+        assert from_frame(table).names == tracks.names
+    # Standard deviations belong to a parameter of that name, and are one where there is none.
+    alone = pd.DataFrame({"jaw": [0.0, 1.0], "jaw_sd": [0.1, 0.2], "lip_sd": [1.0, 2.0]})
+    assert from_frame(alone, rate=50).names == ("jaw", "lip_sd")
+    assert from_frame(alone, rate=50).name == ""
