@@ -15,6 +15,7 @@ from pathlib import Path
 
 from mocap_fit.errors import DataError, FileFormatError, shorten
 from mocap_fit.labels.text import (
+    LABEL_SIZE,
     format_number,
     get_only,
     parse_seconds,
@@ -30,6 +31,7 @@ from mocap_fit.labels.tiers import (
     warn_left_out,
 )
 from mocap_fit.labels.types import Label, Labels, Tier
+from mocap_fit.size_limit import check_size
 
 description = "table of start, end, phone, stress, word; table of an aligner or of Praat"
 extensions = (".csv",)
@@ -112,6 +114,9 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
                 expected="start,end,phone and optionally stress,word",
                 advice="Add the line of names; times are seconds.",
             )
+        # A cell becomes a label.
+        cells = content.count(delimiter) + content.count("\n")
+        check_size(cells * LABEL_SIZE // 2, path=path)
         rows = csv.reader(io.StringIO(content, newline=""), delimiter=delimiter)
         return (_parse_table(rows, delimiter, path),)
     except csv.Error as error:

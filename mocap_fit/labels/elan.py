@@ -18,8 +18,9 @@ from xml.parsers import expat
 import numpy as np
 
 from mocap_fit.errors import DataError, FileFormatError, MocapFitWarning, shorten
-from mocap_fit.labels.text import parse_seconds, read_head_lines, read_label_bytes
+from mocap_fit.labels.text import LABEL_SIZE, parse_seconds, read_head_lines, read_label_bytes
 from mocap_fit.labels.types import Label, Labels, Tier
+from mocap_fit.size_limit import check_size
 
 description = "ELAN .eaf, times in milliseconds"
 extensions = (".eaf",)
@@ -181,6 +182,8 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
         If ELAN plays the sound from a later time on; the times are those of the sound.
     """
     content = read_label_bytes(path)
+    # Nearly every element is a slot of time or an annotation and its value.
+    check_size(content.count(b"<") * LABEL_SIZE // 2, path=path)
     document = _Document(path)
     try:
         document.parser.Parse(content, True)

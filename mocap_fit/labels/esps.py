@@ -19,7 +19,7 @@ from mocap_fit.labels.text import (
     get_only,
     parse_seconds,
     read_head_lines,
-    read_label_text,
+    read_label_lines,
     refuse_characters,
 )
 from mocap_fit.labels.tiers import find_phone_tier, warn_left_out
@@ -90,7 +90,7 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     FileFormatError
         If the header has no end, or a line is not a time, a colour and a label.
     """
-    lines = [line.strip() for line in read_label_text(path).split("\n")]
+    lines = [line.strip() for line in read_label_lines(path)]
     has_header = "#" in lines
     if not has_header and not _has_one_colour([line for line in lines if line]):
         expected = "a line with only '#', then lines of end time, colour and label"

@@ -20,7 +20,7 @@ from mocap_fit.labels.text import (
     get_only,
     parse_seconds,
     read_head_lines,
-    read_label_text,
+    read_label_lines,
     refuse_characters,
     to_units,
 )
@@ -91,7 +91,7 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     MocapFitWarning
         If the labels last less than a hundredth of a second in units of 100 ns.
     """
-    lines = enumerate(read_label_text(path).split("\n"), start=1)
+    lines = enumerate(read_label_lines(path), start=1)
     rows = [parse_row(line, number, path) for number, line in lines if line.strip()]
     utterances = (build_utterance(rows, Path(path).stem),)
     warn_of_units(utterances, path)

@@ -9,7 +9,7 @@ from pathlib import PurePosixPath
 
 from mocap_fit.errors import DataError, FileFormatError, shorten
 from mocap_fit.labels.htk import Row, build_utterance, format_rows, parse_row, warn_of_units
-from mocap_fit.labels.text import read_head_lines, read_label_text
+from mocap_fit.labels.text import read_head_lines, read_label_lines
 from mocap_fit.labels.types import Labels
 
 description = "HTK master label file, times in 100 ns"
@@ -62,7 +62,7 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     MocapFitWarning
         If all labels last less than a hundredth of a second in units of 100 ns.
     """
-    lines = [line.strip(" \t") for line in read_label_text(path).split("\n")]
+    lines = [line.strip(" \t") for line in read_label_lines(path)]
     if lines[0] != _FIRST:
         raise FileFormatError(
             "this is not a master label file",

@@ -19,7 +19,7 @@ from mocap_fit.labels.text import (
     get_only,
     parse_seconds,
     read_head_lines,
-    read_label_text,
+    read_label_lines,
     refuse_characters,
 )
 from mocap_fit.labels.tiers import find_phone_tier, warn_left_out
@@ -91,7 +91,7 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
         If a line is not a start, an end and a label.
     """
     entries = []
-    for number, raw in enumerate(read_label_text(path).split("\n"), start=1):
+    for number, raw in enumerate(read_label_lines(path), start=1):
         line = raw.strip()
         if not line or line.startswith("\\"):
             continue

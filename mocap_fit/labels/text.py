@@ -18,9 +18,12 @@ from mocap_fit.errors import (
 )
 from mocap_fit.io.text import check_file, read_head
 from mocap_fit.labels.types import Label, Labels
+from mocap_fit.size_limit import check_size
 
 LARGEST_FILE = 256 * 2**20
 """Bytes. The labels of 100 hours of speech in a .mlf fill less."""
+LABEL_SIZE = 500
+"""Bytes that a label takes in memory while it is read, about."""
 LARGEST_TIME = 1e6
 """Seconds, about 12 days. What is longer has another unit, or is damaged."""
 
@@ -121,6 +124,29 @@ def read_label_text(path: str | os.PathLike[str]) -> str:
             advice="Check that it is the file you mean.",
         )
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_label_lines(path: str | os.PathLike[str]) -> list[str]:
+    """Read the lines of a file that has a label in each.
+
+    Parameters
+    ----------
+    path
+        File to read.
+
+    Returns
+    -------
+    list of str
+        The lines without their ends.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be read, or holds more labels than `mocap_fit.size_limit` allows.
+    """
+    text = read_label_text(path)
+    check_size((text.count("\n") + 1) * LABEL_SIZE, path=path)
+    return text.split("\n")
 
 
 def read_head_lines(path: str | os.PathLike[str], size: int = 4096) -> list[str]:

@@ -18,6 +18,7 @@ from mocap_fit.errors import FileFormatError, MocapFitWarning, shorten
 from mocap_fit.io.text import read_head
 from mocap_fit.labels.praat_tokens import Tokens
 from mocap_fit.labels.text import (
+    LABEL_SIZE,
     format_number,
     get_only,
     read_head_lines,
@@ -27,6 +28,7 @@ from mocap_fit.labels.text import (
 )
 from mocap_fit.labels.textgrid_binary import SIGNATURE, check_class, read_binary
 from mocap_fit.labels.types import Label, Labels, Tier, TierKind
+from mocap_fit.size_limit import check_size
 
 description = "Praat TextGrid: long, short, chronological or binary"
 extensions = (".textgrid",)
@@ -91,7 +93,9 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     if read_head(path, len(SIGNATURE)) == SIGNATURE:
         start, end, tiers = read_binary(read_label_bytes(path), path)
     else:
-        tokens = Tokens(read_label_text(path), path)
+        text = read_label_text(path)
+        check_size(text.count('"') // 2 * LABEL_SIZE, path=path)
+        tokens = Tokens(text, path)
         tag = tokens.take("text", 'File type = "ooTextFile"')
         if tag == _CHRONOLOGICAL:
             start, end, tiers = _read_chronological(tokens)

@@ -7,7 +7,7 @@ import struct
 import warnings
 
 from mocap_fit.errors import FileFormatError, MocapFitWarning, shorten
-from mocap_fit.labels.text import LARGEST_TIME
+from mocap_fit.labels.text import LABEL_SIZE, LARGEST_TIME
 from mocap_fit.labels.types import Label, Tier, TierKind
 from mocap_fit.size_limit import check_size
 
@@ -160,6 +160,7 @@ def _read_tier(fields: _Fields, file_start: float, file_end: float) -> Tier:
     available = len(fields.content) - fields.position
     noun = f"tier '{shorten(title, 40)}'"
     check_size(count * _SHORTEST[name], path=fields.path, available_bytes=available, noun=noun)
+    check_size(count * LABEL_SIZE, path=fields.path, noun=noun)
     entries = []
     for number in range(1, count + 1):
         first = last = fields.take_time(f"entry {number} of {noun}")

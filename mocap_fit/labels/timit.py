@@ -16,7 +16,7 @@ from mocap_fit.labels.text import (
     get_only,
     parse_seconds,
     read_head_lines,
-    read_label_text,
+    read_label_lines,
     refuse_characters,
     to_units,
 )
@@ -105,7 +105,7 @@ def _find_rate(file: Path) -> float:
 
 def _read_tier(path: Path, name: str, rate: float) -> Tier:
     entries = []
-    for number, line in enumerate(read_label_text(path).split("\n"), start=1):
+    for number, line in enumerate(read_label_lines(path), start=1):
         if not line.strip():
             continue
         match = _LINE.fullmatch(line.strip())

@@ -422,6 +422,28 @@ def test_a_textgrid_is_written_as_praat_writes_it(tmp_path):
     )
 
 
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("a.lab", "0 1 a\n"),
+        ("a.phn", "0 1 a\n"),
+        ("a.esps", "1 1 a\n"),
+        ("a.mlf", "0 1 a\n"),
+        ("a.csv", ",,\n"),
+        ("a.eaf", "<a/><a/>\n"),
+        ("a.TextGrid", '""\n'),
+    ],
+)
+def test_more_labels_than_fit_into_memory_are_refused(tmp_path, monkeypatch, name, line):
+    path = tmp_path / name
+    start = {".csv": "start,end,a\n", ".mlf": "#!MLF!#\n", ".esps": "#\n"}.get(path.suffix, "")
+    path.write_text(start + 21_000 * line)
+    reader = {".eaf": "elan", ".TextGrid": "textgrid"}.get(path.suffix)
+    monkeypatch.setenv("MOCAP_FIT_MAX_SIZE", "10MB")
+    with pytest.raises(FileFormatError, match=r"larger than.*10,000,000 bytes.*--max-size"):
+        read_all_labels(path, reader=reader)
+
+
 def test_a_file_far_too_large_for_labels_is_not_read(tmp_path):
     path = tmp_path / "a.TextGrid"
     with path.open("wb") as file:
