@@ -96,8 +96,10 @@ def determine_layout(structure: Structure) -> Layout:
     """
     kinds = _list_frame_kinds(structure)
     counts = _list_frame_counts(structure)
-    available = structure.data_end - structure.data_start
     smallest = min(kind.size for kind in kinds)
+    ends = [end - structure.data_start for end in structure.data_ends]
+    # Where another section begins may be wrong too.
+    available = next((end for end in ends if counts[0] * smallest <= end), ends[-1])
     frames = next((count for count in counts if count * smallest <= available), 0)
     fits = [(available - frames * kind.size, kind) for kind in kinds]
     left, kind = next(
@@ -156,10 +158,7 @@ def _refuse_without_points(structure: Structure, has_analog: bool) -> None:
 def _list_frame_counts(structure: Structure) -> list[int]:
     """Return how many frames there may be, the most probable first."""
     first, last = structure.get_word(4), structure.get_word(5)
-    header, trial = _count_header_frames(structure), _read_trial(structure)
-    names = ("LONG_FRAMES", "FRAMES")
-    noted = [structure.get_count("POINT", name) or 0 for name in names]
-    noted.insert(1, trial[1] - trial[0] + 1 if trial else 0)
+    header, noted = _count_header_frames(structure), list(_get_noted_counts(structure).values())
     if last == _LONG:
         counts = sorted([header, *noted], reverse=True)
     else:
@@ -175,6 +174,17 @@ def _list_frame_counts(structure: Structure) -> list[int]:
 def _count_header_frames(structure: Structure) -> int:
     first, last = structure.get_word(4), structure.get_word(5)
     return 0 if first == last == 0 else max(last - first + 1, 0)
+
+
+def _get_noted_counts(structure: Structure) -> dict[str, int]:
+    """Return the numbers of frames by the parameters that say them."""
+    trial = _read_trial(structure)
+    counts = {
+        "POINT:LONG_FRAMES": structure.get_count("POINT", "LONG_FRAMES"),
+        "TRIAL": trial[1] - trial[0] + 1 if trial else None,
+        "POINT:FRAMES": structure.get_count("POINT", "FRAMES"),
+    }
+    return {name: count for name, count in counts.items() if count is not None}
 
 
 def _read_trial(structure: Structure) -> tuple[int, int] | None:
@@ -222,11 +232,15 @@ def _warn_of_contradictions(structure: Structure, frames: int, points: int) -> N
     if noted is not None and noted != header:
         text = f"its header says {header} points and POINT:USED {noted}; {points} are read"
         _warn(structure, text)
-    noted, header = structure.get_count("POINT", "FRAMES"), _count_header_frames(structure)
-    has_upper_bits = frames > _LONG or structure.get_word(5) == _LONG
-    if noted is not None and noted != header and not has_upper_bits:
-        text = f"its header says {header} frames and POINT:FRAMES {noted}; {frames} are read"
-        _warn(structure, text)
+    if frames > _LONG or structure.get_word(5) == _LONG:
+        return
+    header = _count_header_frames(structure)
+    others = {
+        name: count for name, count in _get_noted_counts(structure).items() if count != header
+    }
+    if others:
+        listed = " and ".join(f"{name} {count}" for name, count in others.items())
+        _warn(structure, f"its header says {header} frames and {listed}; {frames} are read")
 
 
 def _warn(structure: Structure, text: str) -> None:

@@ -22,7 +22,7 @@ from mocap_fit.io.text import decode_line
 INTEL, DEC, MIPS = 84, 85, 86
 """Codes of the processors whose numbers a file may hold."""
 
-_NUMERIC = {1: "i1", 2: "i2", 4: "f4"}
+_NUMERIC = {1: "u1", 2: "i2", 4: "f4"}
 _NAME = re.compile(rb"[ -~]+")
 
 

@@ -16,6 +16,9 @@ from mocap_fit.tracks import FloatArray, Origin
 _CHUNK = 2**22
 """Bytes that are read at a time."""
 
+_UNSIGNED = 65535
+"""Some programs write -1 without its sign, as a float."""
+
 
 def read_points(
     structure: Structure, layout: Layout, factor: float, points: list[int]
@@ -73,7 +76,7 @@ def read_points(
             chunk, residuals = positions[begin:end], numbers[:, :, 3]
             np.multiply(numbers[:, :, :3], scale, out=chunk, dtype=np.float64)
             # Also where the fourth number is none.
-            gaps = ~(residuals >= 0) | ~np.isfinite(chunk).all(axis=2)
+            gaps = ~(residuals >= 0) | (residuals == _UNSIGNED) | ~np.isfinite(chunk).all(axis=2)
             chunk[gaps] = np.nan
             has_residuals = has_residuals or bool((residuals > 0).any())
             origin[begin:end] = np.where(residuals == 0, Origin.FILLED, Origin.MEASURED)

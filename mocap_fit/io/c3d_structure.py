@@ -87,12 +87,12 @@ class Structure:
         return BLOCK <= self.data_start < self.size and not in_parameters
 
     @property
-    def data_end(self) -> int:
-        """Position behind the data, bytes: another section, or the end of the file."""
+    def data_ends(self) -> list[int]:
+        """Positions behind the data, bytes: other sections that may follow, and the file's end."""
         starts = [self.start]
         if self.get_value("ROTATION", "USED") > 0:
             starts.append(((self.get_count("ROTATION", "DATA_START") or 0) - 1) * BLOCK)
-        return min((start for start in starts if start > self.data_start), default=self.size)
+        return [*sorted(start for start in starts if start > self.data_start), self.size]
 
     def refuse(self, problem: str, value: object, expected: object = None) -> NoReturn:
         """Raise the error of a file that is damaged.

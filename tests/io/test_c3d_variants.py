@@ -92,6 +92,14 @@ def test_gaps_and_what_was_not_measured(order: str, floats: bool, file: Path) ->
     assert (tracks.origin == Origin.MEASURED).all()
 
 
+@every_order
+def test_minus_one_without_its_sign_is_a_gap(order: str, file: Path) -> None:
+    fourth = np.ones((8, 3))
+    fourth[2, 0] = 65535
+    tracks = read(file, c3d(TRUTH, order=order, fourth=fourth))
+    assert np.argwhere(~tracks.visible).tolist() == [[2, 0]]
+
+
 def test_a_coordinate_that_is_no_number_is_a_gap(file: Path) -> None:
     values = TRUTH.copy()
     values[1, 0, 2], values[4, 2, 0] = np.nan, np.inf
@@ -217,6 +225,13 @@ def test_a_wrong_number_of_points(
     np.testing.assert_allclose(tracks.positions, long, atol=1e-4)
 
 
+@every_order
+def test_a_count_in_a_byte_has_no_sign(order: str, file: Path) -> None:
+    values = np.ones((2, 200, 3))
+    content = c3d(values, order=order, changes={("POINT", "USED"): bytes([1, 0, 200])})
+    assert len(read(file, content).names) == 200
+
+
 def test_numbers_that_fit_nothing_are_refused(file: Path) -> None:
     content = c3d(TRUTH, header={2: 200}, changes={("POINT", "USED"): 100})
     refuse(file, content, r"contradict each other.*shorter than both")
@@ -333,6 +348,13 @@ def test_padding_is_no_frame(floats: bool, file: Path) -> None:
     for padding in (0, 512, 2048):
         tracks = read_warned(file, content + bytes(padding), r"and POINT:FRAMES 12; 8 are read")
         check(tracks)
+
+
+@every_kind
+def test_a_trial_of_another_length(floats: bool, file: Path) -> None:
+    changes = {("TRIAL", "ACTUAL_START_FIELD"): [1, 0], ("TRIAL", "ACTUAL_END_FIELD"): [6, 0]}
+    content = c3d(TRUTH, floats=floats, changes=changes)
+    check(read_warned(file, content, r"header says 8 frames and TRIAL 6; 8 are read"))
 
 
 @every_kind
@@ -630,6 +652,14 @@ def test_rotations_behind_the_points_are_no_frames(file: Path) -> None:
     )
     content = content[: 1034 * 512].ljust(1034 * 512, b"\0") + b"\1" * 5000
     assert read_warned(file, content, r"holds 66000").frames == 66000
+
+
+@pytest.mark.parametrize("block", [0, 1, 3, 60000])
+def test_rotations_that_are_not_where_they_should_be(block: int, file: Path) -> None:
+    changes = {("ROTATION", "USED"): 1, ("ROTATION", "DATA_START"): block}
+    long = np.tile(TRUTH, (20, 1, 1))
+    tracks = read(file, c3d(long, changes=changes) + b"\1" * 5000)
+    np.testing.assert_allclose(tracks.positions, long, atol=1e-4)
 
 
 @pytest.mark.parametrize("word", [2, 3, 4, 5, 9, 10])
