@@ -214,7 +214,7 @@ def from_frame(
         # A part of the rows, or other times, are taken for what they are.
         if len(frame) and "time" in frame:
             times = _get_numbers(frame, "time")
-            if start_time is None and not np.isclose(times[0], metadata["start_time"], atol=1e-9):
+            if not np.isclose(times[0], metadata["start_time"], atol=1e-9):
                 metadata["start_time"] = float(times[0])
             _check_times(times, metadata["start_time"], rate or metadata["rate"])
     else:

@@ -349,6 +349,7 @@ def test_what_is_given_is_stronger_than_what_is_noted():
     assert from_frame(table, start_time=0.02).start_time == 0.02
     moved = from_frame(table.drop(columns="time"), rate=30, start_time=5.0)
     assert (moved.rate, moved.start_time, moved.frames) == (30, 5.0, 5)
+    assert from_frame(table.iloc[2:], start_time=5.0).start_time == 5.0
     with pytest.raises(DataError, match="frame 1: the times are not evenly spaced"):
         from_frame(table, rate=30)
     empty = from_frame(table.iloc[:0])
@@ -367,3 +368,15 @@ def test_kinds_are_guessed_by_the_endings_of_columns():
     alone = pd.DataFrame({"jaw": [0.0, 1.0], "jaw_sd": [0.1, 0.2], "lip_sd": [1.0, 2.0]})
     assert from_frame(alone, rate=50).names == ("jaw", "lip_sd")
     assert from_frame(alone, rate=50).name == ""
+
+
+def test_columns_of_markers_and_poses_have_the_names_of_the_reference(tmp_path):
+    pose = PoseTracks(("head",), 50, np.arange(18.0).reshape(2, 1, 3, 3), np.ones((2, 1, 3)))
+    table = to_frame(pose)
+    matrix = [f"head_r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)]
+    places = ["head_x", "head_y", "head_z"]
+    assert list(table) == ["utterance", "time", *places, *matrix, "head_residual_mm"]
+    assert table["head_r21"].tolist() == [3.0, 12.0]
+    markers = to_frame(MarkerTracks(("a", "b"), 50, np.arange(12.0).reshape(2, 2, 3)))
+    assert list(markers)[2:] == [f"{m}_{c}" for m in "ab" for c in ("x", "y", "z", "origin")]
+    assert markers["b_y"].tolist() == [4.0, 10.0]
