@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import glob
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -59,6 +60,28 @@ def write_atomically(path: str | os.PathLike[str], noun: str = "file") -> Iterat
     finally:
         with contextlib.suppress(OSError):
             partial.unlink(missing_ok=True)
+
+
+def remove_partials(path: str | os.PathLike[str]) -> None:
+    """Remove what processes that were killed have left of a file that they were writing.
+
+    Parameters
+    ----------
+    path
+        The file.
+    """
+    target = Path(path)
+    # On Windows there is no question about a process that does not also end it.
+    partials = target.parent.glob(f".{glob.escape(target.name)}.*.partial")
+    for partial in partials if os.name != "nt" else ():
+        number = partial.name.removesuffix(".partial").rpartition(".")[2]
+        try:
+            os.kill(int(number), 0)
+        except ProcessLookupError:
+            with contextlib.suppress(OSError):
+                partial.unlink()
+        except (ValueError, OverflowError, OSError):
+            continue
 
 
 def write_text(path: str | os.PathLike[str], text: str, noun: str = "file") -> None:

@@ -2,10 +2,12 @@
 
 import errno
 import os
+import subprocess
+import sys
 
 import pytest
 
-from mocap_fit.atomic_file import make_folder, write_atomically, write_text
+from mocap_fit.atomic_file import make_folder, remove_partials, write_atomically, write_text
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, MissingFileError
 
 
@@ -79,3 +81,15 @@ def test_folders_are_made_with_their_parents(tmp_path):
         make_folder(tmp_path / "file")
     with pytest.raises(ConfigurationError, match="found Not a directory"):
         make_folder(tmp_path / "file" / "b")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a process cannot be looked for there")
+def test_what_a_killed_process_left_of_a_file_is_removed(tmp_path):
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    names = [f".o[u]t.{ended.pid}.partial", f".o[u]t.{os.getpid()}.partial", ".o[u]t.x.partial"]
+    names += [".o[u]t.99999999999999999999.partial", f".out.{ended.pid}.partial", "o[u]t"]
+    for name in names:
+        (tmp_path / name).write_text("half")
+    remove_partials(tmp_path / "o[u]t")
+    assert sorted(os.listdir(tmp_path)) == sorted(names[1:])

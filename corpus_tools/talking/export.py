@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from corpus_tools.talking.speak import read_parameters
-from mocap_fit.atomic_file import write_text
+from mocap_fit.atomic_file import remove_partials, write_text
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.face import load_face
 from mocap_fit.tracks import ParameterTracks
@@ -108,6 +108,7 @@ def export(
             found=file.suffix or "no ending",
             expected=f"a name in {_ENDINGS[to]}",
         )
+    remove_partials(file)
     parameters = read_parameters(Path(tracks))
     used = rate or parameters.rate
     if to == "csv":

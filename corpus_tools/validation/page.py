@@ -17,7 +17,7 @@ from corpus_tools.html_page import (
 from corpus_tools.validation.findings import Finding, Severity
 from corpus_tools.validation.pictures import draw_evidence, list_overviews
 from corpus_tools.validation.report import Report, group_by_code
-from mocap_fit.atomic_file import write_text
+from mocap_fit.atomic_file import remove_partials, write_text
 from mocap_fit.drawing import save_figure
 
 _COLOURS = {Severity.ERROR: "#B00020", Severity.WARNING: "#9A6700", Severity.NOTE: "#555555"}
@@ -42,6 +42,7 @@ def write_page(report: Report, path: Path) -> None:
     """
     with tempfile.TemporaryDirectory() as folder:
         text = format_page("What mocap-fit validate found", _format_parts(report, Path(folder)))
+    remove_partials(path)
     write_text(path, text, "page")
 
 

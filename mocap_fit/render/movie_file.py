@@ -6,6 +6,7 @@ process. Each is written completely or not at all.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import shutil
@@ -20,6 +21,14 @@ import numpy as np
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, MissingExtraError
 from mocap_fit.render.pictures import Image, save_picture
 from mocap_fit.sound import Sound, write_sound
+
+try:
+    import fcntl
+except ImportError:
+    fcntl = None  # type: ignore[assignment]
+
+# A folder beside the movie with what there is of it, and a file that its process has locked.
+_PREFIX, _LOCK, _UNLOCKED = ".movie-", "lock", "unlocked"
 
 MovieKind = Literal["mp4", "gif", "png"]
 _KINDS: dict[str, MovieKind] = {".mp4": "mp4", ".gif": "gif", "": "png"}
@@ -54,8 +63,10 @@ def get_movie_kind(path: str | os.PathLike[str]) -> MovieKind:
     ConfigurationError
         If it ends in something else.
     """
-    ending = Path(path).suffix.lower()
-    if ending not in _KINDS:
+    # The name of a hidden file has no ending, and is no folder either if it is one.
+    name = Path(path).name.lower()
+    ending = name if name in _KINDS else Path(name).suffix
+    if ending not in _KINDS or ending == name:
         raise ConfigurationError(
             "movies are not written in this format",
             path=path,
@@ -181,16 +192,26 @@ class MovieFile:
                 path=path,
                 advice="Give the name of a new folder.",
             )
+        if self.kind != "png" and self.path.is_dir():
+            raise ConfigurationError(
+                "this is a folder", path=path, expected=f"a file name in .{self.kind}"
+            )
         self._program = "" if self.kind == "png" else find_ffmpeg()
         self._folder: Path | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._messages: IO[bytes] | None = None
+        self._lock: IO[bytes] | None = None
 
     def __enter__(self) -> MovieFile:
+        # ffmpeg takes a name that begins with a hyphen for an option.
+        parent = self.path.parent.absolute()
+        remove_abandoned(parent)
         try:
             # Beside the movie, so that the last step is a renaming.
-            self._folder = Path(tempfile.mkdtemp(dir=self.path.parent, prefix=".movie-"))
+            self._folder = Path(tempfile.mkdtemp(dir=parent, prefix=_PREFIX))
+            self._lock = lock_folder(self._folder)
         except OSError as error:
+            self._clean_up()
             raise self._describe_os_error(error) from None
         try:
             if self.kind != "png":
@@ -255,14 +276,15 @@ class MovieFile:
             if self._sound is not None and len(self._sound.samples):
                 sound_file = self._folder / "sound.wav"
                 write_sound(_convert_for_aac(self._sound), sound_file)
-                command += ["-i", str(sound_file), "-c:a", "aac", "-b:a", "128k"]
+                command += ["-i", f"file:{sound_file}", "-c:a", "aac", "-b:a", "128k"]
             # The output of x264 depends on the number of threads: it is fixed, so that the same
             # pictures give the same bytes on every machine.
             command += ["-c:v", "libx264", "-preset", "veryfast", "-crf", "18", "-threads", "2"]
             command += ["-pix_fmt", "yuv420p", "-vf", ",".join(_COLOURS)]
             command += ["-movflags", "+faststart", "-map_metadata", "-1"]
         command += ["-fflags", "+bitexact", "-flags:v", "+bitexact", "-flags:a", "+bitexact"]
-        command += [str(self._content)]
+        # The protocol is named, so that a part of a folder's name cannot be one.
+        command += [f"file:{self._content}"]
         self._messages = open(self._folder / "messages.txt", "w+b")  # noqa: SIM115
         try:
             self._process = subprocess.Popen(
@@ -303,6 +325,11 @@ class MovieFile:
                 return
             if self.path.exists():
                 shutil.rmtree(self.path)
+            assert self._lock is not None
+            if fcntl is None:
+                self._lock.close()
+            for name in (_LOCK, _UNLOCKED):
+                (self._folder / name).unlink(missing_ok=True)
             os.replace(self._folder, self.path)
             # Only its owner may read a temporary folder.
             self.path.chmod(0o777 & ~_read_umask())
@@ -338,9 +365,56 @@ class MovieFile:
         if self._messages is not None:
             self._messages.close()
             self._messages = None
-        if self._folder is not None:
-            shutil.rmtree(self._folder, ignore_errors=True)
-            self._folder = None
+        # Windows does not remove the lock while it is open; elsewhere it must be until the end.
+        for _ in range(2):
+            if self._folder is not None:
+                shutil.rmtree(self._folder, ignore_errors=True)
+            if self._lock is not None:
+                self._lock.close()
+        self._folder = self._lock = None
+
+
+def lock_folder(folder: Path) -> IO[bytes]:
+    """Mark a temporary folder as that of a living process.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+
+    Returns
+    -------
+    file
+        A file in it that is locked as long as it is open: until the process ends at the latest.
+    """
+    if fcntl is None:
+        return open(folder / _LOCK, "wb")
+    lock = open(folder / _UNLOCKED, "wb")  # noqa: SIM115
+    # Some disks of networks have no locks; nothing is removed there.
+    with contextlib.suppress(OSError):
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        # Under this name it is always locked.
+        os.replace(folder / _UNLOCKED, folder / _LOCK)
+    return lock
+
+
+def remove_abandoned(parent: Path) -> None:
+    """Remove what processes that were killed have left of their movies.
+
+    Parameters
+    ----------
+    parent
+        The folder for movies.
+    """
+    for lock in parent.glob(f"{_PREFIX}*/{_LOCK}"):
+        with contextlib.suppress(OSError):
+            if fcntl is not None:
+                with open(lock, "rb") as stream:
+                    fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            else:
+                # Windows does not remove a file that is open.
+                lock.unlink()
+            shutil.rmtree(lock.parent)
 
 
 def cut_sound(sound: Sound, start: float, end: float) -> Sound:
@@ -392,7 +466,7 @@ def _convert_for_aac(sound: Sound) -> Sound:
 
 def _is_replaceable(folder: Path) -> bool:
     """Return whether a folder holds nothing but the pictures of a movie."""
-    if not folder.is_dir():
+    if not folder.is_dir() or folder.is_symlink():
         return False
     return all(
         entry.name.startswith("frame_") and entry.suffix == ".png" for entry in folder.iterdir()

@@ -1,7 +1,10 @@
 """Movies on disk: a flash and a click stay together, and what is written is written whole."""
 
 import builtins
+import os
 import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -172,6 +175,78 @@ def test_impossible_movies_are_refused(tmp_path):
         MovieFile(tmp_path / "nowhere" / "a.mp4", 25, SIZE),
     ):
         pass
+
+
+@pytest.mark.parametrize("name", ["-d/x.mp4", "take:1/x.mp4", "file:x.mp4", "%d 'a'.gif", "-y.mp4"])
+def test_names_that_ffmpeg_would_take_for_something_else(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    path = Path(name)
+    path.parent.mkdir(exist_ok=True)
+    with MovieFile(name, 25, SIZE, Sound(np.zeros(8000), 8000)) as movie:
+        movie.add(grey(7))
+    written = [entry for entry in tmp_path.rglob("*") if entry.is_file()]
+    assert written == [tmp_path / path]
+    assert len(decoded_pictures(f"file:{tmp_path / path}")) == 1
+
+
+@pytest.mark.skipif(os.name == "nt", reason="names are Unicode there")
+def test_a_name_that_is_not_unicode(tmp_path):
+    path = os.fsdecode(os.fsencode(tmp_path) + b"/t\xe4ke.mp4")
+    with MovieFile(path, 25, SIZE, Sound(np.zeros(8000), 8000)) as movie:
+        movie.add(grey(7))
+    assert os.listdir(os.fsencode(tmp_path)) == [b"t\xe4ke.mp4"]
+
+
+def test_a_folder_in_the_way_is_seen_before_the_work(tmp_path):
+    (tmp_path / "a.mp4").mkdir()
+    with pytest.raises(ConfigurationError, match="this is a folder"):
+        MovieFile(tmp_path / "a.mp4", 25, SIZE)
+    (tmp_path / "frames").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "frames")
+    with pytest.raises(ConfigurationError, match="new folder"):
+        MovieFile(tmp_path / "link", 25, SIZE)
+    with pytest.raises(ConfigurationError, match=r"found \.mp4"):
+        get_movie_kind(tmp_path / ".mp4")
+
+
+_HALF = """
+import sys, numpy as np
+from mocap_fit.render.movie_file import MovieFile
+with MovieFile(sys.argv[1], 25, (64, 48)) as movie:
+    movie.add(np.zeros((48, 64, 3), np.uint8))
+    print("begun", flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.mark.parametrize("name", ["x.mp4", "x"])
+def test_what_a_killed_process_left_is_removed_and_nothing_else(tmp_path, name):
+    command = [sys.executable, "-c", _HALF]
+    processes = [
+        subprocess.Popen(
+            [*command, str(tmp_path / f"{number}{name}")],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
+        for number in range(2)
+    ]
+    killed, living = processes
+    for process in processes:
+        assert process.stdout.readline() == b"begun\n"
+    (tmp_path / ".movie-of-mine").mkdir()
+    killed.kill()
+    killed.communicate()
+    assert len(list(tmp_path.glob(".movie-*"))) == 3
+    with MovieFile(tmp_path / "z.gif", 25, SIZE) as movie:
+        movie.add(grey(7))
+    assert len(list(tmp_path.glob(".movie-*"))) == 2
+    living.communicate(b"")
+    assert living.returncode == 0
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == [
+        ".movie-of-mine",
+        f"1{name}",
+        "z.gif",
+    ]
 
 
 def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
