@@ -178,10 +178,10 @@ def _find_parts(
     tiers = [plain.index(name) for name in _TIERS if name in plain]
     if not texts or not tiers:
         return None
+    speaker = plain.index("speaker") if "speaker" in plain else None
     types = {row[tiers[0]].strip().casefold() for row in cells}
-    if plain[tiers[0]] == "type" and not types & (PHONE_TIER_NAMES | WORD_TIER_NAMES):
-        return None
-    return texts[0], tiers[0], plain.index("speaker") if "speaker" in plain else None
+    is_known = speaker is not None or types & (PHONE_TIER_NAMES | WORD_TIER_NAMES)
+    return (texts[0], tiers[0], speaker) if is_known or plain[tiers[0]] == "tier" else None
 
 
 def _create_labels(tiers: Sequence[Tier], name: str) -> Labels:

@@ -35,6 +35,8 @@ from mocap_fit.phones import (
 SMALLEST_OVERLAP = 5e-4
 """Seconds. Less, overlap or gap, is the rounding of a program and is corrected."""
 
+# Where no phone set says what is silence.
+_SILENCES = ("", "sp", "sil", "#")
 _SHOWN = 5
 _GRAVE = ("overlap", "no duration", "negative duration", "order")
 
@@ -156,7 +158,7 @@ def to_phones(
     ------
     DataError
         If no tier holds phones, labels overlap, have no duration or are out of order, or symbols
-        are not in the phone set.
+        are not in the phone set. Silences without duration are left out.
 
     Warns
     -----
@@ -172,7 +174,7 @@ def to_phones(
             expected="a tier of intervals",
             advice=HOW_TO_CHOOSE,
         )
-    entries = _resolve_overlaps(labels, phones)
+    entries = _resolve_overlaps(labels, _drop_empty_silences(phones, chosen))
     above = find_word_tier(labels, phones) if words is None else labels.get_tier(words)
     stresses = next((t for t in labels.tiers if t.name.strip().casefold() == "stress"), None)
     centres = [0.5 * (entry.start + entry.end) for entry in entries]
@@ -207,6 +209,18 @@ def _parse_stress(mark: str, entry: Label) -> int | None:
             expected="0, 1, 2 or nothing",
         )
     return int(mark)
+
+
+def _drop_empty_silences(tier: Tier, phone_set: PhoneSet | None) -> Tier:
+    """Leave out silences without duration, which HTK writes between words that are not parted."""
+
+    def is_silence(text: str) -> bool:
+        if phone_set is None:
+            return text.strip().casefold() in _SILENCES
+        return phone_set.parse(text) == (phone_set.silence, None)
+
+    entries = (e for e in tier.entries if e.end != e.start or not is_silence(e.text))
+    return dataclasses.replace(tier, entries=tuple(entries))
 
 
 def _resolve_overlaps(labels: Labels, tier: Tier) -> list[Label]:

@@ -9,12 +9,13 @@ converts them to phones.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
 from mocap_fit.atomic_file import write_atomically
-from mocap_fit.errors import DataError, FileFormatError, MocapFitError, from_os_error
+from mocap_fit.errors import DataError, FileFormatError, MocapFitError, from_os_error, shorten
 from mocap_fit.io.text import check_file, read_first_lines
 from mocap_fit.labels.text import read_head_lines
 from mocap_fit.labels.types import Labels
@@ -23,6 +24,8 @@ from mocap_fit.registry import Registry
 LABEL_READERS = Registry("mocap_fit.label_readers", "label reader")
 
 # Extensions under which labels and transcripts are found.
+_NUMBER = re.compile(r"[-+]?[0-9]*[.,]?[0-9]+(?:[eE][-+]?[0-9]+)?")
+_SEPARATORS = re.compile(r"[\s,;]+")
 _TEXTS = (".lab", ".rec", ".txt", ".trn")
 
 
@@ -139,25 +142,34 @@ def find_label_reader(path: str | os.PathLike[str]) -> str:
     file = check_file(path)
     try:
         return LABEL_READERS.find(file, ambiguous_extensions=False)
-    except FileFormatError:
-        if _is_transcript(file):
+    except FileFormatError as error:
+        lines = [line.strip() for line in read_head_lines(file) or read_first_lines(file, 1)]
+        lines = [line for line in lines if line]
+        if file.suffix.lower() not in _TEXTS or not lines:
+            raise
+        if _is_transcript(lines):
             raise FileFormatError(
                 "this is a transcript: text without times",
                 path=path,
+                found=f"'{shorten(lines[0], 80)}'",
                 expected="labels with times",
                 advice="Align it with its sound: mocap-fit align SOUND --text FILE.",
             ) from None
-        raise
+        raise FileFormatError(
+            error.problem,
+            path=path,
+            found=f"'{shorten(lines[0], 80)}'",
+            expected=error.expected,
+            advice=error.advice,
+        ) from None
 
 
-def _is_transcript(file: Path) -> bool:
-    """Whether a file is text of which no line begins with a number, and some have letters."""
-    if file.suffix.lower() not in _TEXTS:
-        return False
-    lines = [line.strip() for line in read_head_lines(file) or read_first_lines(file, 1)]
-    begins = [line.split(maxsplit=1)[0] for line in lines if line]
-    is_timed = any(begin[0] in "+-.0123456789#\\" for begin in begins)
-    return bool(begins) and not is_timed and any(c.isalpha() for line in lines for c in line)
+def _is_transcript(lines: Sequence[str]) -> bool:
+    """Whether lines have letters and no times: one in front of each, or two somewhere."""
+    words = [_SEPARATORS.split(line) for line in lines]
+    numbers = [[_NUMBER.fullmatch(word) is not None for word in line] for line in words]
+    is_timed = any(line[0] for line in numbers) or all(sum(line) >= 2 for line in numbers)
+    return not is_timed and any(letter.isalpha() for line in lines for letter in line)
 
 
 def read_all_labels(

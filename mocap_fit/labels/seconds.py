@@ -33,6 +33,8 @@ _LINE = re.compile(rf"{_NUMBER}[ \t]++{_NUMBER}(?:[ \t]++(.*+))?")
 _ONE_TIME = re.compile(rf"{_NUMBER}[ \t]++\S.*+")
 # A table of numbers has these in place of a label.
 _NUMBERS = re.compile(rf"[0-9]*[.,][0-9]+|{_NUMBER}(?:[ \t]++{_NUMBER})++")
+# Audacity's frequencies, and comments.
+_NO_LABEL = ("\\", "#", ";")
 # The first lines, of which all must be labels.
 _SNIFFED = 20
 
@@ -40,7 +42,8 @@ _SNIFFED = 20
 def sniff(path: str | os.PathLike[str]) -> bool:
     """Return whether lines begin with a start and an end in seconds.
 
-    At least one time is not a whole number: those of HTK and TIMIT all are.
+    At least one time is not a whole number: those of HTK and TIMIT all are. Lines of one time are
+    taken too, so that `read` says what is missing.
 
     Parameters
     ----------
@@ -53,21 +56,29 @@ def sniff(path: str | os.PathLike[str]) -> bool:
         Whether it looks like labels in seconds.
     """
     lines = [line.strip() for line in read_head_lines(path)]
-    lines = [line for line in lines if line and not line.startswith("\\")][:_SNIFFED]
-    matches = [_LINE.fullmatch(line) for line in lines]
+    lines = [line for line in lines if line and not line.startswith(_NO_LABEL)][:_SNIFFED]
+    matches = [_LINE.fullmatch(line) or _ONE_TIME.fullmatch(line) for line in lines]
     times = [_get_times(match) for match in matches if match is not None]
     return (
         bool(lines)
         and len(times) == len(lines)
         and any(not time.is_integer() for pair in times for time in pair)
-        and all(-math.inf < start <= end < math.inf for start, end in times)
-        and not any(_NUMBERS.fullmatch(match[3] or "") for match in matches if match)
+        and all(map(_is_label, lines, times))
     )
 
 
-def _get_times(match: re.Match[str]) -> tuple[float, float]:
-    start, end = (float(match[group].replace(",", ".")) for group in (1, 2))
-    return start, end
+def _is_label(line: str, times: Sequence[float]) -> bool:
+    """Whether a line is more than a row of a table of numbers."""
+    if not all(math.isfinite(time) for time in times):
+        return False
+    text = line.split(maxsplit=len(times))[len(times) :]
+    has_letters = bool(text) and any(letter.isalpha() for letter in text[0])
+    return has_letters or (times[0] <= times[-1] and not _NUMBERS.fullmatch("".join(text)))
+
+
+def _get_times(match: re.Match[str]) -> list[float]:
+    times = match.groups()[:2]
+    return [float(time.replace(",", ".")) for time in times if time is not None]
 
 
 def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[Labels, ...]:
@@ -93,7 +104,7 @@ def read(path: str | os.PathLike[str], *, rate: float | None = None) -> tuple[La
     entries = []
     for number, raw in enumerate(read_label_lines(path), start=1):
         line = raw.strip()
-        if not line or line.startswith("\\"):
+        if not line or line.startswith(_NO_LABEL):
             continue
         match = _LINE.fullmatch(line)
         if match is None:

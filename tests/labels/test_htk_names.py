@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mocap_fit.errors import FileFormatError, MocapFitWarning
+from mocap_fit.errors import DataError, FileFormatError, MocapFitWarning
 from mocap_fit.labels import read_all_labels, read_labels, read_phones, write_labels
 
 PHONES = ["sil", "b", "aa", "m", "ax-h", "t", "sil"]
@@ -135,6 +135,19 @@ def test_any_phones_come_back_out_of_their_contexts(phones, tmp_path_factory):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", MocapFitWarning)
             assert [e.text for e in read_labels(path, reader="htk-lab").tiers[0].entries] == centres
+
+
+@pytest.mark.parametrize("phone_set", [None, "en-arpabet"])
+def test_pauses_without_duration_are_left_out(tmp_path, phone_set):
+    path = tmp_path / "a.lab"
+    path.write_text(
+        "0 7400000 EY1 a\n7400000 7400000 sp sp\n7400000 10700000 IH1 in\n10700000 10700000 sil\n"
+    )
+    phones = read_phones(path, phone_set=phone_set)
+    assert [(s.start, s.end, s.word) for s in phones] == [(0, 0.74, "a"), (0.74, 1.07, "in")]
+    path.write_text("0 7400000 EY1\n7400000 7400000 T\n7400000 10700000 IH1\n")
+    with pytest.raises(DataError, match=r"no duration at 0.7400 to 0.7400 s \('T', entry 2"):
+        read_phones(path, phone_set=phone_set)
 
 
 def test_samples_in_a_lab_are_warned_of(tmp_path):

@@ -1,5 +1,7 @@
 """Labels in seconds, ESPS files without a header, tables of aligners and of Praat."""
 
+import re
+
 import pytest
 
 from mocap_fit.errors import DataError, FileFormatError
@@ -58,12 +60,14 @@ def test_labels_without_duration_are_moments(tmp_path):
         ("0 1 a\n1 2 b\n", False),
         ("0.1 0.2 0.3\n0.2 0.3 0.4\n", False),
         ("0.1 0.2 0.3 0.4 0.5\n", False),
-        ("0.5 0.2 a\n", False),
-        ("0.5 a\n", False),
+        ("0.5 0.2 0.1\n", False),
+        ("0.5 0.2 a\n", True),
+        ("0.5 a\n0.7 b\n", True),
+        ("# comment\n; comment\n0.5 0.7 a\n", True),
         (f"0 {'9' * 400} a\n", False),
         ("0.1 0.2\n", True),
         ("", False),
-        ("#\n0.1 0.2 a\n", False),
+        ("#\n0.1 0.2 a\n", True),
     ],
 )
 def test_what_is_taken_for_labels_in_seconds(tmp_path, content, is_one):
@@ -174,6 +178,8 @@ def test_bad_rows_of_an_aligner(tmp_path, row, message):
         ("a.txt", "Ålder är 3\r\n", True),
         ("a.lab", "word " * 5000, True),
         ("a.lab", "3 apples\n", False),
+        ("a.lab", "sil 0.0 0.5\nb 0.5 0.7\n", False),
+        ("a.lab", "0.0,0.5,sil\n0.5,0.7,b\n", False),
         ("a.lab", "...\n", False),
         ("a.xyz", "hello\n", False),
     ],
@@ -181,6 +187,8 @@ def test_bad_rows_of_an_aligner(tmp_path, row, message):
 def test_a_transcript_is_named_as_such(tmp_path, name, content, is_transcript):
     path = tmp_path / name
     path.write_text(content, encoding="utf-8")
+    shown = content.split("\n")[0].strip()[:60]
     message = "this is a transcript: text without times" if is_transcript else "no label reader"
+    message += f".*{re.escape(shown)}" if name != "a.xyz" else ""
     with pytest.raises(FileFormatError, match=message):
         read_phones(path)
