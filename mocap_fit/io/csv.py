@@ -119,7 +119,7 @@ def read(
         NAME,
         used,
         used_rate,
-        {"positions": table.to_positions(titles.lead) * scale},
+        {"positions": table.to_positions(titles.lead, scale)},
         start_time=start_time,
         arguments=finalise.list_arguments(used, rate, unit),
         unit_is_known=unit is not None,

@@ -154,7 +154,7 @@ def read(
         file_rate=rates[0] if rates and rate is None else None,
         line=1,
     )
-    positions = table.to_positions(len(lead)) * scale
+    positions = table.to_positions(len(lead), scale)
     origin = Origin.MEASURED if is_measured else Origin.VIRTUAL
     origins = np.where(np.isnan(positions).any(axis=2), Origin.MISSING, origin)
     return finalise.create_tracks(

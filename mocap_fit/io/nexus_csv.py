@@ -132,7 +132,7 @@ def read(
         NAME,
         used,
         used_rate,
-        {"positions": table.to_positions(1) * scale},
+        {"positions": table.to_positions(1, scale)},
         start_time=(float(table.values[0, 0]) - 1) / used_rate,
         events=events,
         arguments=finalise.list_arguments(used, rate, unit),

@@ -127,20 +127,25 @@ class NumberTable:
             return 9
         return min(9, max((_count_digits(cell) for cell in cells), default=0))
 
-    def to_positions(self, first: int) -> FloatArray:
+    def to_positions(self, first: int, scale: float = 1.0) -> FloatArray:
         """Return the columns from one on as positions.
 
         Parameters
         ----------
         first
             Index of the column of the first coordinate.
+        scale
+            Millimetres in the unit of the file.
 
         Returns
         -------
         ndarray
-            Positions, ``(frames, markers, 3)``, in the unit of the file.
+            Positions, ``(frames, markers, 3)``, millimetres.
         """
-        return self.values[:, first:].reshape(len(self.values), -1, 3)
+        positions = self.values[:, first:].reshape(len(self.values), -1, 3)
+        # Infinite where it is too large, which `create_tracks` refuses.
+        with np.errstate(over="ignore"):
+            return positions if scale == 1 else positions * scale
 
 
 @dataclass(frozen=True)

@@ -171,8 +171,10 @@ def split_line(line: str) -> list[str]:
     FileFormatError
         Without a path, if the line cannot be split.
     """
-    cells = split_cells(line, "\t") if '"' in line else [cell.strip() for cell in line.split("\t")]
-    words = cells[0].split(None, 1) if cells else []
+    cells = [cell.strip() for cell in line.split("\t")]
+    if '"' in line:
+        cells = split_cells(line, "\t") or [""]
+    words = cells[0].split(None, 1)
     return words + cells[1:] if words and words[0] in KNOWN_KEYWORDS else cells
 
 
@@ -232,7 +234,7 @@ def read_header(text: TextFile) -> Header:
         ):
             # A blank line in the header, as a spreadsheet saves it.
             continue
-        if header.titles is None and cells and _is_keyword(cells[0]):
+        if header.titles is None and _is_keyword(cells[0]):
             keyword = cells[0]
             values = tuple(cells[1:]) if keyword in _COUNTS else _trim(cells[1:])
             if keyword == "EVENT":

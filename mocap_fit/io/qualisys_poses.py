@@ -62,7 +62,8 @@ def extract_poses(table: NumberTable, columns: Columns, path: Path) -> dict[str,
     for values in (translations, rotations, residuals):
         values[lost] = np.nan
     visible = ~lost
-    matrices = rotations[visible]
+    # Larger numbers are no rotation either, and their products may be infinite.
+    matrices = np.clip(rotations[visible], -2, 2)
     if len(matrices):
         products = matrices @ matrices.swapaxes(1, 2)
         wrong = (np.abs(products - np.eye(3)) > _ORTHONORMAL).any(axis=(1, 2))

@@ -151,10 +151,11 @@ def read(
     scale = finalise.get_millimetres(unit or "mm", path=text.path)
     if columns.is_6dof:
         kind, arrays = PoseTracks, extract_poses(table, columns, text.path)
-        for name in ("translations", "residuals"):
-            arrays[name] *= scale
+        with np.errstate(over="ignore"):
+            for name in ("translations", "residuals"):
+                arrays[name] *= scale
     else:
-        positions = finalise.mark_zeros(table.to_positions(len(columns.lead))) * scale
+        positions = finalise.mark_zeros(table.to_positions(len(columns.lead), scale))
         gaps = np.isnan(positions).any(axis=2)
         origin = np.where(gaps, Origin.MISSING, _read_origins(header, len(columns.tracks.labels)))
         arrays = {"positions": positions, "origin": origin.astype(np.uint8)}

@@ -198,7 +198,8 @@ def read_tracks(
 ) -> MarkerTracks:
     """Read the markers of a recording.
 
-    Qualisys TSV, C3D, TRC, CSV and Parquet files are read, and the formats of installed plug-ins.
+    Qualisys TSV, C3D, TRC, Parquet and CSV files are read, exports of Motive and Nexus, and the
+    formats of installed plug-ins.
     The content of the file decides which reader is used. Units are converted to millimetres; the
     axes stay those of the file.
 
@@ -207,8 +208,8 @@ def read_tracks(
     path
         File to read.
     reader
-        Name of the format: ``qualisys-tsv``, ``c3d``, ``trc``, ``csv``, ``parquet``, or that of a
-        plug-in. Determined from the file where not given.
+        Name of the format: ``qualisys-tsv``, ``c3d``, ``trc``, ``csv``, ``motive-csv``,
+        ``nexus-csv``, ``parquet``, or that of a plug-in. Determined from the file where not given.
     names
         Names of the markers, in the order of the file; they replace those of the file. Required
         where the file has none.

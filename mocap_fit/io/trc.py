@@ -105,8 +105,11 @@ def read(
         wrong, or its rate is not that of the times.
     """
     with TextFile(path) as text:
-        values, separator, filled = _read_header(text)
-        axes = _read_axes(text, separator)
+        try:
+            values, separator, filled = _read_header(text)
+            axes = _read_axes(text, separator)
+        except FileFormatError as error:
+            raise add_path(error, text.path) from None
         expected_rows, first_line = _parse_count(text, values, "NumFrames"), text.number + 1
         block = text.read_rest()
     match = re.search(rb"[^\s,;\"][^\n]*", block)
@@ -146,7 +149,7 @@ def read(
         NAME,
         used,
         used_rate,
-        {"positions": finalise.mark_zeros(table.to_positions(markers.start)) * scale},
+        {"positions": finalise.mark_zeros(table.to_positions(markers.start, scale))},
         start_time=start_time,
         arguments=finalise.list_arguments(used, rate, unit),
     )
@@ -179,7 +182,7 @@ def _read_header(text: TextFile) -> tuple[dict[str, str], Separator, list[tuple[
         words, values = filled
     pairs = zip(words, values, strict=False)
     by_word = {word.strip().lower(): value.strip() for word, value in pairs if value.strip()}
-    cells = _list_cells(text, lines[2], separator)
+    cells = _list_cells(lines[2], separator)
     starts = [cell.lower().replace(" ", "") for _, cell in cells[:2]]
     if len(starts) < 2 or starts[0] not in ("frame#", "frame") or not starts[1].startswith("time"):
         raise FileFormatError(
@@ -200,20 +203,16 @@ def _read_header(text: TextFile) -> tuple[dict[str, str], Separator, list[tuple[
 def _read_axes(text: TextFile, separator: Separator) -> list[int]:
     """Return the columns of the axes in line 5; none where it is the first row."""
     line = text.read_line()
-    cells = [] if line is None else _list_cells(text, line, separator)
+    cells = [] if line is None else _list_cells(line, separator)
     if line is not None and not is_title_row([cell for _, cell in cells]):
         text.push_back()
         return []
     return [column for column, cell in cells if cell[0] in "XYZxyz"]
 
 
-def _list_cells(text: TextFile, line: str, separator: Separator) -> list[tuple[int, str]]:
+def _list_cells(line: str, separator: Separator) -> list[tuple[int, str]]:
     """Return the filled cells of a line with their columns."""
-    try:
-        cells = split_cells(line, separator)
-    except FileFormatError as error:
-        raise add_path(error, text.path) from None
-    return [(column, cell) for column, cell in enumerate(cells) if cell]
+    return [(column, cell) for column, cell in enumerate(split_cells(line, separator)) if cell]
 
 
 def _locate_markers(filled: list[tuple[int, str]], axes: list[int], row: list[str]) -> _Markers:
