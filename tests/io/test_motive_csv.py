@@ -126,7 +126,7 @@ def test_the_clock_of_the_times_wins(made: ModuleType, tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_bytes(made.text([line.replace("100.000000", "120.0") for line in made.motive()]))
     assert read(path, "header says 120 Hz").rate == pytest.approx(100)
-    assert read(path, rate=120).rate == 120
+    assert read(path, "120 Hz is used", rate=120).rate == 120
 
 
 def test_a_unit_of_the_caller_and_an_unknown_version(made: ModuleType, tmp_path: Path) -> None:
