@@ -11,6 +11,7 @@ import numpy as np
 
 from corpus_tools.validation.findings import Evidence, Finding, Location
 from corpus_tools.validation.thresholds import Thresholds
+from mocap_fit.errors import shorten
 from mocap_fit.labels import Label, Labels, Tier, find_label_faults
 from mocap_fit.phones import PhoneSet
 from mocap_fit.tracks import FloatArray
@@ -127,8 +128,10 @@ def _check_symbols(tier: Tier, around: Surroundings, location: Location) -> Iter
     for text, entries in unknown.items():
         first = entries[0]
         more = f", {len(entries)} times" if len(entries) > 1 else ""
-        where = location.at(text, seconds=(first.start, first.end))
-        yield Finding("MF207", where, f"'{text}'{more}", f"a symbol of '{phones.name}'")
+        where = location.at(shorten(text, 40), seconds=(first.start, first.end))
+        yield Finding(
+            "MF207", where, f"'{shorten(text, 40)}'{more}", f"a symbol of '{phones.name}'"
+        )
 
 
 def _is_silence(entry: Label, phones: PhoneSet | None) -> bool:

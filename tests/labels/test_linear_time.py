@@ -1,4 +1,4 @@
-"""Twice the text takes twice the time, in every format and whatever it holds."""
+"""Eight times the text takes eight times the time, in every format and whatever it holds."""
 
 import contextlib
 import time
@@ -26,7 +26,7 @@ HOSTILE = {
     "htk contexts": (htk, lambda n: f"0 1000000 {'a-' * n}{'a+' * n}\n"),
     "htk full contexts": (htk, lambda n: f"0 1000000 {'a^-+=' * n}[\n"),
     "htk states": (htk, lambda n: f"0 1000000 {'[1' * n}\n"),
-    "htk levels": (htk, lambda n: "0 1 a\n" * (n // 8) + f"0 1{' b' * n}\n"),
+    "htk levels": (htk, lambda n: "0 1 a\n" * (n // 24) + f"0 1{' b' * n}\n"),
     "mlf names": (mlf, lambda n: "#!MLF!#\n" + '"' * n + "\n"),
     "esps digits": (esps, lambda n: f"#\n0.5 {'1' * n}x\n"),
     "seconds digits": (seconds, lambda n: f"{'1' * n}x 1\n"),
@@ -45,7 +45,7 @@ HOSTILE = {
             + "".join(
                 f'</TIER><TIER TIER_ID="a"><REF_ANNOTATION ANNOTATION_ID="a{i + 1}" '
                 f'ANNOTATION_REF="a{i}" PREVIOUS_ANNOTATION="a{i}"/>'
-                for i in range(n // 8)
+                for i in range(n // 24)
             )
             + "</TIER></ANNOTATION_DOCUMENT>"
         ),
@@ -54,7 +54,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_twice_the_text_takes_twice_the_time(name, tmp_path):
+def test_the_time_is_proportional_to_the_text(name, tmp_path):
     reader, create = HOSTILE[name]
 
     def measure(count):
@@ -71,5 +71,5 @@ def test_twice_the_text_takes_twice_the_time(name, tmp_path):
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MocapFitWarning)
-        # A quadratic one takes sixteen times as long; below a few milliseconds nothing is measured.
-        assert measure(8000) < 8 * measure(2000) + 0.02
+        # A quadratic one takes 64 times as long; below a few milliseconds nothing is measured.
+        assert measure(24000) < 20 * measure(3000) + 0.02
