@@ -14,15 +14,17 @@ import hashlib
 import html
 import itertools
 import os
-import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+from pydantic import ConfigDict, Field
+
 from mocap_fit.atomic_file import write_atomically
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, MissingFileError
 from mocap_fit.phones import PhoneSet, load_phone_set, write_phones
+from mocap_fit.settings_file import StrictModel, read_toml, validate_settings
 from mocap_fit.tracks import Provenance, Step, write_parquet
 from mocap_fit.utterance import Utterance as Utterance
 from mocap_fit.utterance import read_utterances, write_utterances
@@ -30,6 +32,25 @@ from mocap_fit.utterance import read_utterances, write_utterances
 FORMAT_VERSION = 1
 DESCRIPTION_FILE = "corpus.toml"
 UNITS = {"length": "mm", "time": "s", "angle": "rad", "parameters": "1 is the full gesture"}
+
+
+class _Step(StrictModel):
+    step: str
+    arguments: dict[str, Any] = Field(default_factory=dict)
+    version: str = ""
+
+
+class _Description(StrictModel):
+    """The content of corpus.toml; what a later version adds is passed over."""
+
+    model_config = ConfigDict(extra="ignore")
+    language: str
+    phone_set: str
+    face: str
+    layout: str
+    parameters: tuple[str, ...]
+    rate: float | None = Field(default=None, gt=0)
+    provenance: tuple[_Step, ...]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -325,57 +346,48 @@ def open_corpus(path: str | os.PathLike[str]) -> Corpus:
     185
     """
     folder = Path(path)
-    description = folder / DESCRIPTION_FILE
+    file = folder / DESCRIPTION_FILE
     try:
-        content = tomllib.loads(description.read_text(encoding="utf-8"))
-    except OSError as error:
-        kind = MissingFileError if isinstance(error, FileNotFoundError) else FileFormatError
-        raise kind(
+        content = read_toml(file, noun="description of the corpus")
+        version = content.get("format_version")
+        if version != FORMAT_VERSION:
+            raise FileFormatError(
+                "this corpus is of a format that this version of mocap-fit does not read",
+                path=file,
+                found=f"format_version {version}",
+                expected=FORMAT_VERSION,
+                advice="Update mocap-fit, or convert the recordings again.",
+            )
+        about = validate_settings(_Description, content, file, "description of the corpus")
+    except MissingFileError:
+        raise MissingFileError(
             "this is not a corpus",
             path=path,
-            found=f"{DESCRIPTION_FILE}: {error.strerror}",
+            found=f"no {DESCRIPTION_FILE}",
             advice="Make one of recordings and labels with mocap-fit convert.",
         ) from None
-    except ValueError as error:
-        raise FileFormatError(
-            "the description of the corpus is not TOML", path=description, found=error
-        ) from None
-    version = content.get("format_version")
-    if version != FORMAT_VERSION:
-        raise FileFormatError(
-            "this corpus is of a format that this version of mocap-fit does not read",
-            path=description,
-            found=f"format_version {version}",
-            expected=FORMAT_VERSION,
-            advice="Update mocap-fit, or convert the recordings again.",
-        )
+    except ConfigurationError as error:
+        raise FileFormatError(error.problem, path=file, found=error.found) from None
+    local = folder / about.phone_set
     try:
-        name = content["phone_set"]
-        try:
-            phone_set = load_phone_set(folder / name if (folder / name).is_file() else name)
-        except (ConfigurationError, FileFormatError) as error:
-            raise FileFormatError(
-                f"the phone set of the corpus cannot be used: {error.problem}",
-                path=error.path or description,
-                found=error.found,
-            ) from None
-        return Corpus(
-            read_utterances(folder),
-            phone_set=phone_set,
-            parameter_names=tuple(content["parameters"]),
-            rate=content.get("rate"),
-            language=content["language"],
-            face=content["face"],
-            layout=content["layout"],
-            folder=folder,
-            provenance=tuple(Step.from_dict(step) for step in content["provenance"]),
-        )
-    except (KeyError, TypeError, AttributeError) as error:
+        phone_set = load_phone_set(local if local.is_file() else about.phone_set)
+    except (ConfigurationError, FileFormatError) as error:
         raise FileFormatError(
-            "the description of the corpus lacks something",
-            path=description,
-            found=f"{type(error).__name__}: {error}",
+            f"the phone set of the corpus cannot be used: {error.problem}",
+            path=error.path or file,
+            found=error.found,
         ) from None
+    return Corpus(
+        read_utterances(folder),
+        phone_set=phone_set,
+        parameter_names=about.parameters,
+        rate=about.rate,
+        language=about.language,
+        face=about.face,
+        layout=about.layout,
+        folder=folder,
+        provenance=tuple(Step(s.step, s.arguments, s.version) for s in about.provenance),
+    )
 
 
 def write_corpus(corpus: Corpus, folder: Path, phone_set_file: str | None = None) -> None:

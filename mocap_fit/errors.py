@@ -71,7 +71,7 @@ class MocapFitError(Exception):
     @property
     def cause(self) -> str:
         """The message without the file, the line and the frame: what many files may share."""
-        text = self.problem
+        text = shorten(self.problem, 1000)
         comparison = []
         if self.found is not None:
             comparison.append(f"found {shorten(self.found)}")

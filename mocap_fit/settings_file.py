@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from importlib.resources.abc import Traversable
-from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from mocap_fit.errors import ConfigurationError, from_os_error
+from mocap_fit.errors import ConfigurationError, from_os_error, shorten
+from mocap_fit.parsing import parse_toml
 
 Settings = TypeVar("Settings", bound="StrictModel")
+
+# Bytes; a layout of 10,000 markers has two million.
+_LARGEST = 16_000_000
 
 _PLAINER = {
     "Field required": "this is missing",
@@ -80,22 +82,54 @@ def read_toml(
     """
     name = os.fspath(source)
     shipped = () if package is None else list_shipped(package, folder)
-    try:
-        if package is not None and name in shipped:
-            text = _locate(package, folder).joinpath(f"{name}.toml").read_text("utf-8")
-        else:
-            text = Path(name).read_text("utf-8")
-    except (OSError, ValueError) as error:
+    if package is not None and name in shipped:
+        text = _locate(package, folder).joinpath(f"{name}.toml").read_text("utf-8")
+    else:
         choice = f", or the name of a shipped one: {', '.join(shipped)}" if shipped else ""
-        raise from_os_error(error, name, noun, f"Give a TOML file{choice}.") from None
+        text = read_settings_text(name, noun, f"Give a TOML file{choice}.")
     try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        return parse_toml(text)
+    except ValueError as error:
         raise ConfigurationError(f"the {noun} is not TOML", path=name, found=error) from None
-    except RecursionError:
+
+
+def read_settings_text(path: str | os.PathLike[str], noun: str, advice: str | None = None) -> str:
+    """Read the text of a file that a person wrote.
+
+    Parameters
+    ----------
+    path
+        The file; it is read once, and may be a pipe.
+    noun
+        What it is called in messages.
+    advice
+        What to do where it cannot be read; a general hint where left out.
+
+    Returns
+    -------
+    str
+        The text.
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file.
+    FileFormatError
+        If it cannot be read, or is not UTF-8.
+    ConfigurationError
+        If it is too large to be written by a person.
+    """
+    try:
+        with open(path, "rb") as stream:
+            data = stream.read(_LARGEST + 1)
+        text = data.decode("utf-8-sig")
+    except (OSError, ValueError) as error:
+        raise from_os_error(error, path, noun, advice) from None
+    if len(data) > _LARGEST:
         raise ConfigurationError(
-            f"the {noun} is not TOML", path=name, found="lists nested too deeply"
-        ) from None
+            f"the {noun} is too large", path=path, expected=f"at most {_LARGEST:,} bytes"
+        )
+    return text
 
 
 def validate_settings(
@@ -189,12 +223,14 @@ def _find_first_fault(content: object, faults: Sequence[Any]) -> tuple[str, str]
     for item in fault["loc"]:
         # Other items of the location are pydantic's, such as the type that it tried.
         if isinstance(content, Mapping):
-            location.append(str(item))
+            location.append(shorten(item, 60))
             content = content.get(str(item))
         elif isinstance(content, list) and isinstance(item, int):
             content = content[item] if item < len(content) else None
             name = content.get("name") if isinstance(content, Mapping) else None
-            location.append(f"{item} '{name}'" if name and isinstance(name, str) else str(item))
+            location.append(
+                f"{item} '{shorten(name, 60)}'" if name and isinstance(name, str) else str(item)
+            )
     message = str(fault["msg"]).removeprefix("Value error, ")
     problem = _PLAINER.get(message, message[:1].lower() + message[1:])
     return ".".join(location), problem

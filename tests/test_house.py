@@ -24,6 +24,7 @@ ROOMS = {
         "registry",
         "atomic_file",
         "size_limit",
+        "parsing",
         "settings_file",
         "processes",
         "drawing",

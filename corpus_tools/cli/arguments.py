@@ -7,7 +7,6 @@ import inspect
 import math
 import os
 import re
-import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -15,6 +14,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from mocap_fit.errors import ConfigurationError
+from mocap_fit.parsing import parse_toml
 from mocap_fit.size_limit import VARIABLE, get_largest_size
 
 ChoiceT = TypeVar("ChoiceT", bound=str)
@@ -239,8 +239,8 @@ def parse_settings(settings: Sequence[str]) -> dict[str, Any]:
         if not equals or not key.isidentifier():
             raise typer.BadParameter(f"'{setting}' is not KEY=VALUE", param_hint="--set")
         try:
-            value = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
+            value = parse_toml(f"value = {text}")["value"]
+        except ValueError:
             value = text
         values[key] = tuple(value) if isinstance(value, list) else value
     return values

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from corpus_tools.conversion.utterance import STEP
 from mocap_fit.atomic_file import make_folder, write_atomically
 from mocap_fit.corpus import DESCRIPTION_FILE, Corpus, Utterance, write_corpus
 from mocap_fit.errors import ConfigurationError, MocapFitError
+from mocap_fit.settings_file import read_toml
 from mocap_fit.tracks import Step
 from mocap_fit.utterance import UTTERANCES_FILE, read_utterances
 
@@ -102,11 +102,11 @@ def read_former_splits(out: Path, manifest: Manifest) -> dict[str, str]:
         Splits by utterance; empty where there are none.
     """
     try:
-        content = tomllib.loads((out / DESCRIPTION_FILE).read_text(encoding="utf-8"))
+        content = read_toml(out / DESCRIPTION_FILE, noun="corpus")
         steps = [step for step in content["provenance"] if step["step"] == STEP]
         same = steps[-1]["arguments"]["splits"] == manifest.to_dict()["splits"]
         rows = read_utterances(out)
-    except (OSError, ValueError, KeyError, TypeError, IndexError, MocapFitError):
+    except (KeyError, TypeError, IndexError, MocapFitError):
         return {}
     return {row.id: row.split for row in rows} if same else {}
 

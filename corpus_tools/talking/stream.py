@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -10,6 +9,7 @@ from corpus_tools.talking import speak_models
 from corpus_tools.tasks import TaskProgress
 from mocap_fit.control import ControlModel
 from mocap_fit.errors import FileFormatError, MocapFitError
+from mocap_fit.parsing import parse_json
 from mocap_fit.phones import PhoneSegment
 
 _EXPECTED = 'START END PHONE [STRESS], or {"start": …, "end": …, "phone": …}'
@@ -123,7 +123,7 @@ def _split_fields(text: str) -> tuple[Any, Any, str, Any]:
         if len(rest) > 1:
             raise ValueError(text)
         return start, end, phone, rest[0] if rest else None
-    fields = json.loads(text)
+    fields = parse_json(text)
     if not isinstance(fields["phone"], str):
         raise TypeError(fields["phone"])
     return fields["start"], fields["end"], fields["phone"], fields.get("stress")

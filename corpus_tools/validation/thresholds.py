@@ -11,7 +11,8 @@ from types import SimpleNamespace
 from typing import Any
 
 from corpus_tools.validation.findings import Finding, Severity, load_codes
-from mocap_fit.errors import ConfigurationError, from_os_error
+from mocap_fit.errors import ConfigurationError
+from mocap_fit.settings_file import read_toml
 
 OFF = "off"
 
@@ -92,7 +93,8 @@ def load_thresholds(path: Path | None = None) -> Thresholds:
     """
     text = resources.files(__package__).joinpath("thresholds.toml").read_text("utf-8")
     content = tomllib.loads(text)
-    for section, values in {} if path is None else _read_thresholds(path).items():
+    changes = {} if path is None else read_toml(path, noun="file of thresholds")
+    for section, values in changes.items():
         if section not in content or not isinstance(values, dict):
             raise ConfigurationError(
                 f"there is no section '{section}' of thresholds",
@@ -104,15 +106,6 @@ def load_thresholds(path: Path | None = None) -> Thresholds:
             content[section][name] = value
     severity = content.pop("severity")
     return Thresholds(**{k: SimpleNamespace(**v) for k, v in content.items()}, severity=severity)
-
-
-def _read_thresholds(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text("utf-8"))
-    except OSError as error:
-        raise from_os_error(error, path, "file of thresholds") from None
-    except ValueError as error:
-        raise ConfigurationError("the thresholds are not TOML", path=path, found=error) from None
 
 
 def _check(

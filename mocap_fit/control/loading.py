@@ -12,7 +12,10 @@ from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, Moc
 from mocap_fit.phones import PhoneSet
 
 # What the content of a damaged file raises.
-_DAMAGE = (KeyError, TypeError, ValueError, AttributeError, IndexError)
+_DAMAGE = (
+    *(KeyError, TypeError, ValueError, AttributeError, IndexError),
+    *(OverflowError, MemoryError, RecursionError),
+)
 
 
 def create(name: str, **settings: Any) -> ControlModel:

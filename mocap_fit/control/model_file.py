@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import io
 import json
+import math
 import os
+import zipfile
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from mocap_fit.atomic_file import write_atomically
-from mocap_fit.errors import FileFormatError, from_os_error
+from mocap_fit.errors import FileFormatError, MocapFitError, from_os_error
+from mocap_fit.parsing import parse_json
+from mocap_fit.size_limit import check_size
 
 FORMAT_VERSION = 2
 _HEADER = "header"
@@ -68,10 +73,19 @@ def read_model_file(
         If the file is something else, is damaged, or has another version of the format.
     """
     try:
-        with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        header = json.loads(arrays.pop(_HEADER).tobytes().decode())
+        with open(path, "rb") as stream, zipfile.ZipFile(stream) as archive:
+            members = archive.infolist()
+            # They are stored as they are: what is unpacked is no longer than the file.
+            size = sum(member.file_size for member in members)
+            check_size(size, path=path, available_bytes=os.path.getsize(path), noun="model")
+            arrays = {
+                member.filename.removesuffix(".npy"): _parse_array(archive.read(member))
+                for member in members
+            }
+        header = parse_json(arrays.pop(_HEADER).tobytes())
         version = header["format_version"]
+    except MocapFitError:
+        raise
     except OSError as error:
         raise from_os_error(error, path, "model") from None
     # A changed byte makes zip files, numpy and JSON raise almost anything.
@@ -91,3 +105,19 @@ def read_model_file(
             advice="Update mocap-fit, or train the model again.",
         )
     return header, arrays
+
+
+def _parse_array(data: bytes) -> np.ndarray[Any, Any]:
+    """Return the numbers in an .npy file; anything else, such as objects, is a ValueError."""
+    stream = io.BytesIO(data)
+    version = np.lib.format.read_magic(stream)
+    read_header = np.lib.format.read_array_header_2_0
+    if version == (1, 0):
+        read_header = np.lib.format.read_array_header_1_0
+    shape, is_fortran, dtype = read_header(stream)
+    if dtype.kind not in "biuf":
+        raise ValueError(f"an array of {dtype}")
+    if math.prod(shape) * dtype.itemsize != len(data) - stream.tell():
+        raise ValueError(f"an array of {shape} in {len(data)} bytes")
+    values = np.frombuffer(bytearray(data), dtype, math.prod(shape), stream.tell())
+    return values.reshape(shape, order="F" if is_fortran else "C")

@@ -1,31 +1,34 @@
 """Meshes of other programs: read from common 3-D formats, checked, and brought to the head frame.
 
 OBJ and PLY are read by mocap-fit itself, so that vertex numbers in a rig file are those of the mesh
-file and damage is seen; STL, VTP and VTK through pyvista; glTF, GLB and OFF through trimesh.
+file and damage is seen, and so is OFF; STL, glTF and GLB through trimesh. The formats of VTK are
+not read: its readers end the process where a count in the file is wrong.
 """
 
 from __future__ import annotations
 
-import contextlib
-import logging
 import os
-import warnings
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, MissingFileError
-from mocap_fit.face.mesh import Mesh
+from mocap_fit.errors import (
+    ConfigurationError,
+    DataError,
+    FileFormatError,
+    MocapFitError,
+)
+from mocap_fit.face.mesh import IndexArray, Mesh
+from mocap_fit.face.mesh_claims import check_gltf, check_stl
 from mocap_fit.face.mesh_pieces import Piece, check_pieces, join_pieces
 from mocap_fit.face.obj_file import read_obj
+from mocap_fit.face.off_file import read_off
 from mocap_fit.face.ply_file import read_ply
+from mocap_fit.io.text import check_file
+from mocap_fit.size_limit import check_size
 from mocap_fit.tracks import FloatArray
 
-_WITH_PYVISTA = (".stl", ".vtp", ".vtk", ".vtu", ".vtm", ".wrl")
-_WITH_TRIMESH = (".glb", ".gltf", ".off")
-MESH_FORMATS = (".obj", ".ply", *_WITH_PYVISTA, *_WITH_TRIMESH)
+MESH_FORMATS = (".obj", ".ply", ".off", ".stl", ".glb", ".gltf")
 # A head, or a mask of its front, is this tall or wide (mm).
 _SMALLEST, _LARGEST, _USUAL = 80.0, 600.0, 250.0
 
@@ -41,7 +44,7 @@ def read_mesh(path: str | os.PathLike[str], *, scale: float = 1.0, axes: str | N
     Parameters
     ----------
     path
-        OBJ, PLY, STL, VTP, VTK, glTF, GLB or OFF file.
+        OBJ, PLY, STL, OFF, glTF or GLB file.
     scale
         Factor to millimetres, above 0: 1000 for a mesh in metres.
     axes
@@ -78,8 +81,10 @@ def read_mesh(path: str | os.PathLike[str], *, scale: float = 1.0, axes: str | N
             advice="Export the surface, not points, curves or an empty scene.",
         )
     check_pieces(pieces, path)
-    vertices = scale * np.concatenate([piece.vertices for piece in pieces]) @ matrix.T
-    _check_size(vertices, scale, path)
+    # A number that is too large is infinite, and refused as a size.
+    with np.errstate(over="ignore", invalid="ignore"):
+        vertices = scale * (np.concatenate([piece.vertices for piece in pieces]) @ matrix.T)
+        _check_extent(vertices, scale, path)
     mirrored = np.linalg.det(matrix) < 0
     return join_pieces(pieces, vertices, mirrored=mirrored, path=path)
 
@@ -92,91 +97,58 @@ def _read_pieces(path: Path) -> list[Piece]:
             path=path,
             found=kind or "no file name ending",
             expected=", ".join(MESH_FORMATS),
+            advice="Save it in one of these from the program that made it.",
         )
-    if not path.is_file():
-        raise MissingFileError(path=path)
-    try:
-        with path.open("rb") as file:
-            empty = not file.read(1)
-    except OSError as error:
-        raise FileFormatError(
-            "the file cannot be opened", path=path, found=error.strerror
-        ) from None
-    if empty:
-        raise FileFormatError("the file is empty", path=path)
+    check_file(path)
     if kind == ".obj":
         return read_obj(path)
-    if kind == ".ply":
-        return [read_ply(path)]
-    return _read_with_trimesh(path) if kind in _WITH_TRIMESH else _read_with_pyvista(path)
-
-
-def _read_with_pyvista(path: Path) -> list[Piece]:
-    import pyvista
-
-    try:
-        with _catch_vtk_warnings():
-            pieces = []
-            for name, block in _list_blocks(pyvista.read(path), path.stem):
-                surface = block if isinstance(block, pyvista.PolyData) else block.extract_surface()
-                surface = surface.triangulate()
-                points = np.asarray(surface.points, dtype=np.float64)
-                triangles = np.asarray(surface.regular_faces if surface.n_cells else [])
-                pieces.append(Piece(name, points, triangles.reshape(-1, 3).astype(np.int64)))
-    except UserWarning:
-        raise _make_error(path, "VTK could not read it") from None
-    except Exception as error:
-        raise _make_error(path, error) from None
-    return pieces
-
-
-@contextlib.contextmanager
-def _catch_vtk_warnings() -> Iterator[None]:
-    """Turn VTK's warnings into exceptions; else it writes them to the terminal and goes on."""
-    import pyvista
-
-    logged = logging.root.manager.disable
-    logging.disable(logging.CRITICAL)
-    try:
-        with pyvista.vtk_verbosity("off"), warnings.catch_warnings():
-            warnings.simplefilter("error", UserWarning)
-            yield
-    finally:
-        logging.disable(logged)
-
-
-def _list_blocks(data: Any, name: str) -> list[tuple[str, Any]]:
-    """List a data set, or the data sets of a composite one, with names."""
-    import pyvista
-
-    if not isinstance(data, pyvista.MultiBlock):
-        return [(name, data)]
-    blocks = []
-    for i, block in enumerate(data):
-        if block is not None:
-            blocks += _list_blocks(block, data.get_block_name(i) or f"{name}_{i}")
-    return blocks
+    if kind in (".ply", ".off"):
+        return [(read_ply if kind == ".ply" else read_off)(path)]
+    return _read_with_trimesh(path)
 
 
 def _read_with_trimesh(path: Path) -> list[Piece]:
     import trimesh
 
     try:
+        is_stl = path.suffix.lower() == ".stl"
+        (check_stl if is_stl else check_gltf)(path)
         scene = trimesh.load_scene(path, process=False)
-        order = list(scene.geometry)
+        order = {name: i for i, name in enumerate(scene.geometry)}
         placements = [(node, *scene.graph[node]) for node in scene.graph.nodes_geometry]
+        # A file may use one mesh any number of times.
+        copies = [scene.geometry[name] for _, _, name in placements]
+        size = sum(getattr(each, "faces", np.zeros(0)).nbytes for each in copies)
+        check_size(size, path=path, noun="scene")
         pieces = []
-        for node, placed, name in sorted(placements, key=lambda item: order.index(item[2])):
+        for node, placed, name in sorted(placements, key=lambda item: order[item[2]]):
             geometry = scene.geometry[name]
             if not hasattr(geometry, "faces"):
                 continue
             points = np.asarray(geometry.vertices, dtype=np.float64)
-            points = points @ placed[:3, :3].T + placed[:3, 3]
+            # What is too large becomes infinite, and is refused later.
+            with np.errstate(over="ignore", invalid="ignore"):
+                points = points @ placed[:3, :3].T + placed[:3, 3]
+            triangles = np.asarray(geometry.faces, dtype=np.int64)
+            if is_stl:
+                points, triangles = _merge_equal(points, triangles)
             label = path.stem if node == path.name else str(node)
-            pieces.append(Piece(label, points, np.asarray(geometry.faces, dtype=np.int64)))
+            pieces.append(Piece(label, points, triangles))
+    except MocapFitError:
+        raise
+    # Whatever a damaged file makes trimesh raise.
     except Exception as error:
         raise _make_error(path, error) from None
     return pieces
+
+
+def _merge_equal(points: FloatArray, triangles: IndexArray) -> tuple[FloatArray, IndexArray]:
+    """Return points without their repetitions, in the order of the file, and their triangles."""
+    _, first, group = np.unique(points, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    number = np.empty_like(order)
+    number[order] = np.arange(len(order))
+    return points[first[order]], number[group.reshape(-1)][triangles]
 
 
 def _make_error(path: Path, error: Exception | str) -> FileFormatError:
@@ -188,19 +160,22 @@ def _make_error(path: Path, error: Exception | str) -> FileFormatError:
     )
 
 
-def _check_size(vertices: FloatArray, scale: float, path: Path) -> None:
+def _check_extent(vertices: FloatArray, scale: float, path: Path) -> None:
     extent = float(np.ptp(vertices, axis=0).max())
     if _SMALLEST <= extent <= _LARGEST:
         return
     if extent == 0:
         raise DataError("all vertices of the mesh have one position", path=path)
-    power = 10.0 ** np.round(np.log10(_USUAL / extent))
+    advice = "Open it in a 3-D program and look at its vertices."
+    if 1e-9 < extent < 1e9:
+        factor = scale * 10.0 ** np.round(np.log10(_USUAL / extent))
+        advice = f"Give the factor that brings it to millimetres, such as scale={factor:g}."
     raise DataError(
         "the mesh does not have the size of a head",
         path=path,
         found=f"{extent:.4g} mm across",
         expected=f"{_SMALLEST:.0f} to {_LARGEST:.0f} mm",
-        advice=f"Give the factor that brings it to millimetres, such as scale={scale * power:g}.",
+        advice=advice,
     )
 
 

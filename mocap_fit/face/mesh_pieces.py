@@ -142,13 +142,15 @@ def join_pieces(
 
 def _make_unique(names: Sequence[str]) -> list[str]:
     """Add a number to names that came before."""
-    unique: list[str] = []
+    unique: dict[str, None] = {}
+    numbers: dict[str, int] = {}
     for name in names:
-        candidate, number = name, 2
+        candidate = name
         while candidate in unique:
-            candidate, number = f"{name}_{number}", number + 1
-        unique.append(candidate)
-    return unique
+            numbers[name] = numbers.get(name, 1) + 1
+            candidate = f"{name}_{numbers[name]}"
+        unique[candidate] = None
+    return list(unique)
 
 
 def _compute_areas(vertices: FloatArray, triangles: IndexArray) -> FloatArray:
@@ -167,5 +169,6 @@ def _is_inside_out(vertices: FloatArray, triangles: IndexArray) -> bool:
 def _count_crowded_edges(triangles: IndexArray) -> int:
     """Count the edges that more than two triangles share."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    _, uses = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
+    low, high = np.sort(edges, axis=1).T
+    _, uses = np.unique(low * (triangles.max() + 1) + high, return_counts=True)
     return int((uses > 2).sum())

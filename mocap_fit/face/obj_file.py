@@ -42,20 +42,26 @@ def read_obj(path: Path) -> list[Piece]:
         return []
     points, faces = np.array(vertices, dtype=np.float64), np.array(triangles, dtype=np.int64)
     clusters = _join_by_shared_vertices(faces, labels, len(names), len(points))
+    faces_by_name = _group_equal(np.array(labels))
     pieces = []
-    for cluster in range(clusters.max() + 1):
-        group = np.flatnonzero(clusters == cluster)
-        chosen = faces[np.isin(labels, group)]
+    for group in _group_equal(clusters):
+        chosen = faces[np.sort(np.concatenate([faces_by_name[i] for i in group]))]
         # With one object, even vertices that nothing uses keep their numbers.
         used = np.unique(chosen) if clusters.any() else np.arange(len(points))
-        number = np.full(len(points), -1)
-        number[used] = np.arange(len(used))
         groups = {
-            names[i]: number[np.unique(faces[np.equal(labels, i)])] for i in group if names[i]
+            names[i]: np.searchsorted(used, np.unique(faces[faces_by_name[i]]))
+            for i in group
+            if names[i]
         }
         name = names[group[0]] or path.stem
-        pieces.append(Piece(name, points[used], number[chosen], groups))
+        pieces.append(Piece(name, points[used], np.searchsorted(used, chosen), groups))
     return pieces
+
+
+def _group_equal(values: IndexArray) -> list[IndexArray]:
+    """Return the positions of each value, for values 0, 1, ... that all occur."""
+    order = np.argsort(values, kind="stable")
+    return np.split(order, np.searchsorted(values[order], np.arange(1, values.max() + 1)))
 
 
 def _parse_lines(path: Path) -> tuple[list[list[float]], list[list[int]], list[int], list[str]]:
@@ -63,7 +69,7 @@ def _parse_lines(path: Path) -> tuple[list[list[float]], list[list[int]], list[i
     vertices: list[list[float]] = []
     triangles: list[list[int]] = []
     labels: list[int] = []
-    names: list[str] = []
+    names: dict[str, int] = {}
     current = ""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -75,11 +81,9 @@ def _parse_lines(path: Path) -> tuple[list[list[float]], list[list[int]], list[i
             if word == "v":
                 vertices.append(_parse_coordinates(rest))
             elif word == "f":
-                if current not in names:
-                    names.append(current)
                 fan = _parse_polygon(rest, len(vertices))
                 triangles += fan
-                labels += [names.index(current)] * len(fan)
+                labels += [names.setdefault(current, len(names))] * len(fan)
             elif word in ("o", "g"):
                 current = rest.strip()
         except ValueError as error:
@@ -91,7 +95,7 @@ def _parse_lines(path: Path) -> tuple[list[list[float]], list[list[int]], list[i
                 expected="'v x y z' or 'f 1 2 3'",
                 advice="Export the mesh again.",
             ) from None
-    return vertices, triangles, labels, names
+    return vertices, triangles, labels, list(names)
 
 
 def _parse_coordinates(text: str) -> list[float]:
@@ -122,8 +126,8 @@ def _join_by_shared_vertices(
     faces: IndexArray, labels: list[int], name_count: int, vertex_count: int
 ) -> IndexArray:
     """Return the cluster of each name; names whose triangles share a vertex are in one."""
-    uses = sparse.csr_matrix(
-        (np.ones(faces.size), (np.repeat(labels, 3), faces.ravel())),
-        shape=(name_count, vertex_count),
-    )
-    return np.asarray(connected_components(uses @ uses.T)[1], dtype=np.int64)
+    size = name_count + vertex_count
+    uses = (np.repeat(labels, 3), name_count + faces.ravel())
+    graph = sparse.csr_matrix((np.ones(faces.size), uses), shape=(size, size))
+    # Names come first, and every one has triangles: their clusters have the first numbers.
+    return np.asarray(connected_components(graph, directed=False)[1][:name_count], dtype=np.int64)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_fit.errors import FileFormatError
+from mocap_fit.errors import DataError, FileFormatError
 from mocap_fit.face.mesh_pieces import Piece
 
 _TYPES = {
@@ -53,6 +53,8 @@ def read_ply(path: Path) -> Piece:
     ------
     FileFormatError
         If the header is not PLY's, or the file holds fewer records than it says.
+    DataError
+        If a polygon names a vertex that is not there.
     """
     data = path.read_bytes()
     order, elements, start = _parse_header(data, path)
@@ -66,7 +68,9 @@ def read_ply(path: Path) -> Piece:
             for polygon in polygons.get("vertex_indices", polygons.get("vertex_index", []))
             for i in range(1, len(polygon) - 1)
         ]
-    except (ValueError, IndexError, KeyError) as error:
+        points = points.reshape(len(points), 3)
+        corners = np.array(fans, dtype=np.float64).reshape(-1, 3)
+    except (ValueError, IndexError, KeyError, OverflowError) as error:
         raise FileFormatError(
             "the PLY file does not hold what its header says",
             path=path,
@@ -74,7 +78,16 @@ def read_ply(path: Path) -> Piece:
             expected=", ".join(f"{e.count} {e.name}" for e in elements),
             advice="It may be cut off: export or copy it again.",
         ) from None
-    return Piece(path.stem, points, np.array(fans, dtype=np.int64).reshape(-1, 3))
+    # The file may have them in any type of numbers, with what is no index of a vertex.
+    wrong = corners != np.clip(np.trunc(corners), 0, len(points) - 1)
+    if wrong.any():
+        raise DataError(
+            "a polygon of the PLY file names a vertex that is not there",
+            path=path,
+            found=f"{corners[wrong][0]:.15g}",
+            expected=f"0 to {len(points) - 1}",
+        )
+    return Piece(path.stem, points, corners.astype(np.int64))
 
 
 def _parse_header(data: bytes, path: Path) -> tuple[str, list[_Element], int]:
@@ -145,6 +158,8 @@ class _Body:
 
     def _take(self, kind: str | np.dtype[np.void], count: int) -> NDArray[np.generic]:
         """Read the next values."""
+        if count < 0:
+            raise ValueError(f"a count of {count}")
         if isinstance(self.data, bytes):
             kind = self.order + kind if isinstance(kind, str) else kind
             values: NDArray[np.generic] = np.frombuffer(self.data, kind, count, self.position)

@@ -161,7 +161,8 @@ class RigFile(StrictModel):
         return self
 
     def _check_weights(self) -> None:
-        above: list[str] = []
+        # A dictionary for its order.
+        above: dict[str, None] = {}
         for name, weight in self.weights.items():
             for other, _ in weight.list_factors():
                 if other not in above:
@@ -169,7 +170,7 @@ class RigFile(StrictModel):
                         f"weights.{name}.multiply: there is no weight '{other}' above this one; "
                         f"those above are {', '.join(above) or 'none'}"
                     )
-            above.append(name)
+            above[name] = None
 
     def _check_transforms(self) -> None:
         for i, transform in enumerate(self.transforms):
@@ -179,7 +180,8 @@ class RigFile(StrictModel):
                         f"transforms.{i}.{what}: there is no {what} '{getattr(transform, what)}'; "
                         f"there are {', '.join(names) or 'none'}"
                     )
-        unmoved = [p for p in self.parameters if p not in {t.parameter for t in self.transforms}]
+        moved = {transform.parameter for transform in self.transforms}
+        unmoved = [name for name in self.parameters if name not in moved]
         if self.transforms and unmoved:
             raise ValueError(f"parameters.{unmoved[0]}: no transform is driven by it")
 

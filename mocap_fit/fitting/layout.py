@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Literal
 
@@ -84,7 +85,7 @@ class Layout(StrictModel):
     def _check_markers(self) -> Layout:
         """Check that the markers are enough and do not contradict each other."""
         names = [marker.name for marker in self.markers]
-        duplicates = sorted({name for name in names if names.count(name) > 1})
+        duplicates = sorted(name for name, count in Counter(names).items() if count > 1)
         if duplicates:
             raise ValueError(f"more than one marker is called {', '.join(duplicates)}")
         if not self.face_markers:

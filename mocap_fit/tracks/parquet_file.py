@@ -9,10 +9,12 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from mocap_fit.atomic_file import write_atomically
 from mocap_fit.errors import DataError, FileFormatError, from_os_error
+from mocap_fit.parsing import parse_json
+from mocap_fit.size_limit import check_size
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -89,8 +91,9 @@ def read_description(path: str | os.PathLike[str]) -> dict[str, Any] | None:
     import pyarrow.parquet as pq
 
     try:
-        text = (pq.read_schema(path).metadata or {}).get(_KEY)
-        description = None if text is None else json.loads(text)
+        with open(path, "rb") as stream:
+            text = (pq.read_schema(stream).metadata or {}).get(_KEY)
+        description = None if text is None else parse_json(text)
     except (OSError, pa.ArrowException, ValueError):
         return None
     return description if isinstance(description, dict) else None
@@ -128,12 +131,10 @@ def read_table(
         mocap-fit, or by a later format than this one knows.
     """
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     try:
         with open(path, "rb") as stream:
-            # Damaged files have ended the process from within a thread.
-            table = pq.read_table(stream, page_checksum_verification=True, use_threads=False)
+            table = _read_columns(stream, path)
     except pa.ArrowException as error:
         raise FileFormatError(
             "this is not a whole Parquet file",
@@ -149,6 +150,35 @@ def read_table(
     return table, _parse_description(table.schema, path, kinds, noun, advice)
 
 
+def _read_columns(stream: BinaryIO, path: str | os.PathLike[str]) -> pa.Table:
+    """Read all columns, texts as dictionaries, unless they are larger than what may be read.
+
+    Equal values have next to no bytes in the file, however many or long they are.
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
+    import pyarrow.parquet as pq
+
+    about = pq.read_metadata(stream)
+    leaves = [about.schema.column(i) for i in range(about.num_columns)]
+    unpacked = sum(about.row_group(i).total_byte_size for i in range(about.num_row_groups))
+    check_size(max(unpacked, 8 * about.num_rows * len(leaves)), path=path, noun="table")
+    texts = [leaf.path for leaf in leaves if leaf.physical_type == "BYTE_ARRAY"]
+    file = pq.ParquetFile(
+        stream, metadata=about, read_dictionary=texts, page_checksum_verification=True
+    )
+    # Damaged files have ended the process from within a thread.
+    table = file.read(use_threads=False)
+    size = 0
+    for chunk in (chunk for column in table.columns for chunk in column.chunks):
+        values = chunk.flatten() if pa.types.is_list(chunk.type) else chunk
+        if pa.types.is_dictionary(values.type):
+            lengths = pc.binary_length(values.dictionary)
+            size += pc.sum(pc.take(lengths, values.indices)).as_py() or 0
+    check_size(size, path=path, noun="table")
+    return table
+
+
 def _parse_description(
     schema: pa.Schema, path: str | os.PathLike[str], kinds: Sequence[str], noun: str, advice: str
 ) -> dict[str, Any]:
@@ -162,7 +192,7 @@ def _parse_description(
             advice=advice,
         )
     try:
-        description = json.loads(text)
+        description = parse_json(text)
         version, kind = description["format_version"], description["kind"]
     except (ValueError, TypeError, KeyError) as error:
         raise from_damaged_table(error, path, noun) from None

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -72,7 +73,7 @@ def _to_columns(tracks: Tracks) -> dict[str, np.ndarray[Any, Any]]:
     columns = _list_columns(type(tracks), tracks.names)
     names = [column.name for column in columns]
     reserved = {"utterance", "time"} & set(names)
-    twice = sorted(reserved | {name for name in names if names.count(name) > 1})
+    twice = sorted(reserved | {name for name, count in Counter(names).items() if count > 1})
     if twice:
         raise DataError(
             "two columns of the table would have one name",

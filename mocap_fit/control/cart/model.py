@@ -41,8 +41,9 @@ from mocap_fit.control.cart.stream import CentreStream
 from mocap_fit.control.cart.tree import Forest, Selection, Tree, TreeKey, pack_trees, unpack_trees
 from mocap_fit.control.streaming import Stream
 from mocap_fit.corpus import Corpus
-from mocap_fit.errors import DataError, from_os_error
+from mocap_fit.errors import DataError
 from mocap_fit.phones import ARTICULATORY_PARAMETERS, PhoneSequence
+from mocap_fit.settings_file import read_settings_text
 from mocap_fit.tracks import FloatArray
 
 
@@ -164,10 +165,7 @@ class Cart(ControlModel):
             return self.questions, None
         if self.is_fitted and hasattr(self, "_text"):
             return self._text, self.questions
-        try:
-            return Path(self.questions).read_text(encoding="utf-8"), self.questions
-        except (OSError, UnicodeDecodeError) as error:
-            raise from_os_error(error, self.questions, "table of questions") from None
+        return read_settings_text(self.questions, "table of questions"), self.questions
 
     # -- learning ------------------------------------------------------------------------------
 

@@ -33,12 +33,12 @@ the left.
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from mocap_fit.errors import ConfigurationError
+from mocap_fit.parsing import parse_toml
 from mocap_fit.phones import FEATURE_NAMES, QUESTION_CLASSES, PhoneSet
 
 Kind = Literal["phone", "resistant", "duration", "energy", "stress", "feature"]
@@ -241,8 +241,8 @@ def read_questions(text: str, path: str | None = None) -> tuple[Question, ...]:
         If it is not TOML, or a question is not understood.
     """
     try:
-        content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        content = parse_toml(text)
+    except ValueError as error:
         raise ConfigurationError(
             "the table of questions is not TOML", path=path, found=error
         ) from None
