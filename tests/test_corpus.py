@@ -131,7 +131,10 @@ def test_an_utterance_in_memory_has_no_markers():
         (lambda f: (f / "corpus.toml").unlink(), "not a corpus.*convert"),
         (lambda f: (f / "corpus.toml").write_text("x = "), "not TOML"),
         (lambda f: (f / "corpus.toml").write_text("format_version = 9"), "format_version 9"),
-        (lambda f: (f / "corpus.toml").write_text("format_version = 1"), "language: this is missing"),
+        (
+            lambda f: (f / "corpus.toml").write_text("format_version = 1"),
+            "language: this is missing",
+        ),
         (lambda f: (f / "utterances.parquet").unlink(), "utterances.parquet.*no such file"),
         (lambda f: (f / "utterances.parquet").write_bytes(b"PAR1"), "not a whole Parquet"),
         (
