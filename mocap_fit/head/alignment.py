@@ -97,7 +97,7 @@ def _fit_robustly(
         scale = float(size / (weights @ (one**2).sum(axis=1)))
         distances = np.linalg.norm(other - scale * one @ rotation.T, axis=1)
         usual = max(1.5 * float(np.median(distances)), 1e-9)
-        weights = 1.0 / (1.0 + (distances / usual) ** 2)
+        weights = 1 / (1.0 + (distances / usual) ** 2)
     misfit = float(np.sqrt(weights @ distances**2 / weights.sum()))
     return rotation, scale, misfit, distances
 
