@@ -26,7 +26,9 @@ from mocap_fit.head.alignment import (
 )
 from mocap_fit.head.reference import compute_median_pose
 from mocap_fit.tracks import FloatArray, MarkerTracks
+from mocap_fit.tracks.rigid import compute_spread, estimate_similarity_transform
 from mocap_fit.tracks.rigid_sets import compute_typical_shape
+from mocap_fit.tracks.robust import sample_evenly
 
 _FACE_SIZES = (0.6, 1.6)
 """Times the size of the layout's face: beyond, it is hardly a face in millimetres."""
@@ -37,14 +39,17 @@ _POSSIBLE_SIZES = (0.2, 5.0)
 _SAME_SIZE = 0.1
 """Part that a recording may be larger or smaller than the reference pose of the speaker."""
 
+_NEAR = 0.5
+"""Part of a limit within which nothing has to be looked at more closely."""
+
 _OTHER_UNIT = 0.5
 """Part beyond which it is no matter of the speaker."""
 
 _TURNED = 60.0
 """Degrees between the reference pose and a recording: beyond, axes are probably exchanged."""
 
-_SAMPLE = 100
-"""Frames that tell the shape of a recording."""
+_SAMPLE = 5
+"""Frames that tell the shape of a recording, of those that show most markers."""
 
 _MENDING = (
     "If the names of left and right are exchanged, rename them (--rename LEFT=RIGHT "
@@ -149,8 +154,12 @@ def check_recording(
     points = np.array([pose[name] for name in names]).reshape(-1, 3)
     if is_flat(points) or not recording.frames:
         return recording
-    sample = recording.positions[:: max(1, recording.frames // _SAMPLE)]
-    shape = compute_typical_shape(sample[:, recording.indices(names)])
+    positions = recording.positions[:, recording.indices(names)]
+    counts = (~np.isnan(positions[:, :, 0])).sum(axis=1)
+    most = int(counts.max())
+    if most >= 4 and _is_alike(points, positions[int(np.argmax(counts))], layout.size_varies):
+        return recording
+    shape = compute_typical_shape(sample_evenly(positions[counts == most], _SAMPLE))
     fit = align_shapes(points, shape)
     if fit is None:
         return recording
@@ -164,6 +173,26 @@ def check_recording(
         )
     _compare(fit, layout.size_varies)
     return recording
+
+
+def _is_alike(points: FloatArray, frame: FloatArray, varies: bool) -> bool:
+    """Whether one frame shows at once that nothing is mirrored, turned or of another size.
+
+    The mirror image of a set is twice its depth away from it, root mean square: what is nearer to
+    the set than its depth is nearer to it than to the mirror image.
+    """
+    both = ~(np.isnan(points) | np.isnan(frame)).any(axis=1)
+    points, frame = points[both], frame[both]
+    if is_flat(points) or is_flat(frame):
+        return False
+    scale, rotation, shift = estimate_similarity_transform(points, frame)
+    off = frame - scale * points @ rotation.T - shift
+    misfit = float(np.sqrt((off**2).sum(axis=1).mean()))
+    return (
+        misfit < _NEAR * scale * compute_spread(points)[2]
+        and (varies or abs(scale - 1.0) < _NEAR * _SAME_SIZE)
+        and compute_angle(rotation) < _TURNED
+    )
 
 
 def _mirror(

@@ -39,7 +39,7 @@ from mocap_fit.io.c3d_points import read_points
 from mocap_fit.io.c3d_structure import Structure, is_c3d, read_structure
 from mocap_fit.io.names import name_tracks
 from mocap_fit.io.text import check_file, read_head
-from mocap_fit.io.timing import check_rate
+from mocap_fit.io.timing import check_rate, warn_of_rate
 from mocap_fit.tracks import MarkerTracks
 
 NAME = "c3d"
@@ -114,6 +114,7 @@ def read(
         selected = _select_positions(structure, labels)
         used = name_tracks([labels[index] for index in selected], names, path=file, subject=subject)
         used_rate = check_rate(_read_rate(structure) if rate is None else rate, path=file)
+        warn_of_rate(file, rate, structure.get_value("POINT", "RATE"))
         unit = unit or _read_unit(structure)
         factor = finalise.get_millimetres(unit, path=file)
         positions, origin = read_points(structure, layout, factor, selected)

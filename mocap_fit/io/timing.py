@@ -141,7 +141,7 @@ def determine_timing(
     start = float(times[0])
     if np.isnan(start):
         raise _create_error(table, 0, "the first frame has no time")
-    if rate is not None and file_rate is None and times[-1] > start:
+    if not (file_rate and file_rate > 0) and times[-1] > start:
         file_rate = (len(times) - 1) / float(times[-1] - start)
     warn_of_rate(table.path, rate, file_rate)
     return known, start
@@ -164,7 +164,7 @@ def warn_of_rate(path: Path, rate: float | None, file_rate: float | None) -> Non
     MocapFitWarning
         If both are there and differ by more than rounding explains.
     """
-    if rate and file_rate and not abs(file_rate / rate - 1.0) <= _SAME_RATE:
+    if rate and file_rate and file_rate > 0 and abs(file_rate / rate - 1.0) > _SAME_RATE:
         warnings.warn(
             f"{path}: the file says {file_rate:.6g} Hz; {rate:g} Hz is used, as given",
             MocapFitWarning,
