@@ -7,7 +7,8 @@ file is drawn by a function that makes a `matplotlib.figure.Figure` with `create
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import contextlib
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,8 @@ PINK, SKY, YELLOW = "#CC79A7", "#56B4E9", "#F0E442"
 #: Colours of the lines of one figure, in order.
 CYCLE = (BLUE, RED, GREEN, ORANGE, PINK, SKY, "#6A3D9A", "#8A8A8A", "#A6761D", "#1B1B1B")
 INK, GREY, PALE = "#222222", "#8A8A8A", "#D9D9D9"
+# A $ in a sentence or in the name of a marker is no mathematics.
+_PLAIN: Any = {"text.parse_math": False}
 _STYLE: Any = {
     "font.size": 9,
     "axes.titlesize": 9,
@@ -42,6 +45,7 @@ _STYLE: Any = {
     "legend.frameon": False,
     "legend.fontsize": 9,
     "figure.titlesize": 11,
+    **_PLAIN,
     # Names of elements in an SVG file are derived from this text instead of random numbers.
     "svg.hashsalt": "mocap-fit",
 }
@@ -100,6 +104,21 @@ def create_axes(size: tuple[float, float]) -> Axes:
         return pyplot.subplots(figsize=size, layout="constrained")[1]
 
 
+@contextlib.contextmanager
+def write_plainly() -> Iterator[None]:
+    """Make texts inside that no sign turns into mathematics, also in axes that a user made.
+
+    Yields
+    ------
+    None
+        Nothing.
+    """
+    import matplotlib
+
+    with matplotlib.rc_context(_PLAIN):
+        yield
+
+
 def write_title(figure: Figure, text: str) -> None:
     """Write the title of a figure, at the left.
 
@@ -111,6 +130,21 @@ def write_title(figure: Figure, text: str) -> None:
         The title.
     """
     figure.suptitle(text, x=0.01, ha="left", fontweight="bold")
+
+
+def set_log_scale(axes: Axes) -> None:
+    """Make the vertical axis logarithmic, with numbers that need no mathematics.
+
+    Parameters
+    ----------
+    axes
+        The axes.
+    """
+    from matplotlib.ticker import LogFormatter
+
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(LogFormatter())
+    axes.yaxis.set_minor_formatter(LogFormatter())
 
 
 def save_figure(path: Path, draw: Callable[..., Figure], *arguments: Any) -> None:

@@ -229,12 +229,15 @@ class Evaluation:
         matplotlib.axes.Axes
             A row a model, the best on top; a point for each group of phones.
         """
-        from mocap_fit.drawing import create_axes
+        from mocap_fit.drawing import create_axes, write_plainly
         from mocap_fit.evaluation.figures import draw_scores
 
         axes = create_axes((6.4, 1.5 + 0.42 * len(self.models))) if ax is None else ax
-        draw_scores(axes, self, measure)
-        axes.legend()
+        with write_plainly():
+            draw_scores(axes, self, measure)
+            axes.legend()
+        for tick in axes.get_yticklabels():
+            tick.set_parse_math(False)
         return axes
 
     def to_rows(self, groups: Sequence[str] = GROUPS) -> tuple[list[str], list[list[str]]]:

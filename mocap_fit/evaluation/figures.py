@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mocap_fit.drawing import CYCLE, GREY, INK, PALE, create_figure, write_title
+from mocap_fit.drawing import CYCLE, GREY, INK, PALE, create_figure, set_log_scale, write_title
 from mocap_fit.evaluation.measures import GROUP_LABELS
 from mocap_fit.phones import PhoneSequence
 from mocap_fit.tracks import FloatArray, ParameterTracks
@@ -243,7 +243,7 @@ def plot_dominances(
         colour = CYCLE[i % len(CYCLE)]
         above.plot(fine, dominances[:, i], color=colour, lw=1.2)
         above.fill_between(fine, dominances[:, i], color=colour, alpha=0.08, lw=0)
-    above.set_yscale("log")
+    set_log_scale(above)
     above.set_ylim(max(1e-4 * float(dominances.max()), 1e-300), 1.5 * float(dominances.max()))
     above.set_title("dominance of each phone (part of the largest)", pad=3)
     below.plot(times, target.values[:, column], color=GREY, lw=2.6, alpha=0.6, label="target")
@@ -325,7 +325,7 @@ def plot_training(log: Sequence[Any], title: str) -> Figure:
             axis.plot([], [], color=colour, lw=1.0, label=to_words(part))
     axis.set_xlabel("iteration")
     axis.set_ylabel("root mean square error")
-    axis.set_yscale("log")
+    set_log_scale(axis)
     axis.grid(axis="y")
     if any(parts):
         axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)

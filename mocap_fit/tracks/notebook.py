@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mocap_fit.drawing import CYCLE, create_axes
+from mocap_fit.drawing import CYCLE, create_axes, write_plainly
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -108,7 +108,9 @@ def plot_tracks(tracks: Tracks, names: Sequence[str] | None = None, ax: Axes | N
     for k, name in enumerate(names):
         color = CYCLE[k % len(CYCLE)]
         ax.plot(tracks.times, values[:, k], label=name, color=color, linewidth=1.0)
-    ax.set(xlabel="time (s)", ylabel=label, title=tracks.name)
+    ax.set(xlabel="time (s)", ylabel=label)
+    ax.set_title(tracks.name, parse_math=False)
     if len(names) <= _LEGEND:
-        ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        with write_plainly():
+            ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return ax
