@@ -2,6 +2,7 @@
 
 import gzip
 import math
+import sys
 import tracemalloc
 import warnings
 from pathlib import Path
@@ -9,13 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from c3d_files import c3d
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mocap_fit.errors import FileFormatError, MocapFitError, MocapFitWarning
 from mocap_fit.io import read_tracks
 from mocap_fit.tracks import Event, MarkerTracks, Origin
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "fixtures"))
+from c3d_files import c3d
 
 ORDERS = ("intel", "dec", "mips")
 every_order = pytest.mark.parametrize("order", ORDERS)

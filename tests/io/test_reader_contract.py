@@ -79,7 +79,14 @@ RECORDINGS = {
         "nexus_old.csv",
         "nexus_spreadsheet.csv",
     ),
-    "c3d": ("points.c3d", "subject_metres.c3d", "two_subjects.c3d", "many_labels.c3d"),
+    "c3d": (
+        "points.c3d",
+        "subject_metres.c3d",
+        "two_subjects.c3d",
+        "many_labels.c3d",
+        "dec_floats.c3d",
+        "mips_integers.c3d",
+    ),
     "parquet": ("markers.parquet", "poses.parquet", "parameters.parquet"),
 }
 PAIRS = [(reader, name) for reader, names in RECORDINGS.items() for name in names]
