@@ -25,6 +25,7 @@ from mocap_fit.labels import (
 )
 from mocap_fit.phones import list_phone_sets, load_phone_set, read_stored_phones
 from mocap_fit.sound import SOUND_ENDINGS, energy_db, read_sound
+from mocap_fit.sound.energy import WINDOW
 from mocap_fit.tracks.parquet_file import read_kind
 
 # More than these are counted only.
@@ -142,19 +143,21 @@ def _describe_phones(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 def _describe_sound(path: str | os.PathLike[str]) -> dict[str, Any]:
     sound = read_sound(path)
-    times = np.arange(0.0125, max(sound.duration, 0.013), 0.025)
+    times = np.arange(min(0.0125, 0.5 * sound.duration), sound.duration, 0.025)
+    # A channel of slow signals has fewer than two samples in the usual window.
+    window = max(WINDOW, 4 / sound.rate)
     channels = []
     for number in range(1, sound.channels + 1):
         samples = sound.get_channel(number)
-        energies = energy_db(sound.replace(samples=samples), times[times <= sound.duration])
+        energies = energy_db(sound.replace(samples=samples), times, window=window)
         peak = float(np.abs(samples).max())
         channels.append(
             {
                 "channel": number,
                 "peak": peak,
                 "clipped": int((np.abs(samples) >= 1.0 - 2.0**-15).sum()),
-                "loudest_db": float(energies.max(initial=-np.inf)),
-                "quietest_db": float(energies.min(initial=np.inf)),
+                "loudest_db": float(energies.max()),
+                "quietest_db": float(energies.min()),
             }
         )
     return {

@@ -51,7 +51,11 @@ def check_file(path: str | os.PathLike[str]) -> Path:
                 "this is a folder", path=path, expected="a file", advice="Name a file in it."
             )
         if not file.is_file():
-            raise FileFormatError("this is not an ordinary file", path=path)
+            raise FileFormatError(
+                "this is not an ordinary file",
+                path=path,
+                advice="Pipes and devices cannot be read twice: write it to a file first.",
+            )
         if file.stat().st_size == 0:
             raise FileFormatError(
                 "the file is empty", path=path, advice="Export or copy the recording again."

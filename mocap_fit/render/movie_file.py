@@ -20,7 +20,7 @@ import numpy as np
 
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, MissingExtraError
 from mocap_fit.render.pictures import Image, save_picture
-from mocap_fit.sound import Sound, write_sound
+from mocap_fit.sound import Sound, resample, write_sound
 
 try:
     import fcntl
@@ -63,14 +63,13 @@ def get_movie_kind(path: str | os.PathLike[str]) -> MovieKind:
     ConfigurationError
         If it ends in something else.
     """
-    # The name of a hidden file has no ending, and is no folder either if it is one.
+    # The name of a hidden file is no ending.
     name = Path(path).name.lower()
-    ending = name if name in _KINDS else Path(name).suffix
-    if ending not in _KINDS or ending == name:
+    if (ending := Path(name).suffix) not in _KINDS or name in (".mp4", ".gif"):
         raise ConfigurationError(
             "movies are not written in this format",
             path=path,
-            found=ending,
+            found=ending or name,
             expected=".mp4, .gif, or a name without an ending for a folder of PNG pictures",
         )
     return _KINDS[ending]
@@ -456,12 +455,8 @@ def _convert_for_aac(sound: Sound) -> Sound:
         sound = sound.to_mono()
     if sound.rate in _SOUND_RATES:
         return sound
-    from scipy.signal import resample_poly
-
     rate = _SOUND_RATES[-1]
-    ratio = Fraction(rate / sound.rate).limit_denominator(2000)
-    samples = resample_poly(sound.samples, ratio.numerator, ratio.denominator, axis=0)
-    return Sound(samples, rate, name=sound.name)
+    return Sound(resample(sound.samples, sound.rate, rate), rate, name=sound.name)
 
 
 def _is_replaceable(folder: Path) -> bool:

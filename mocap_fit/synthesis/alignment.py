@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from mocap_fit.errors import ConfigurationError, DataError, MissingExtraError, add_path
 from mocap_fit.io.text import check_file
 from mocap_fit.phones import PhoneSegment, PhoneSequence, PhoneSet, load_phone_set, normalise_phones
-from mocap_fit.sound import read_sound
+from mocap_fit.sound import read_sound, resample
 from mocap_fit.tracks import FloatArray
 
 MODEL_RATE = 16000
@@ -32,6 +32,8 @@ MODEL_RATE = 16000
 _BEAM = 1e-80
 _PEAK = 0.5
 _SHORTEST = 0.1
+# Hertz. Below it there is no speech to align.
+_LOWEST_RATE = 4000.0
 _VARIANT = re.compile(r"\(\d+\)$")
 # Silence, and the noises that models have phones for: breath, cough, "uh".
 _NO_SPEECH = re.compile(r"SIL|\+.*\+", re.IGNORECASE)
@@ -352,15 +354,13 @@ def _strip_punctuation(token: str) -> str:
 
 def _to_pcm(samples: FloatArray, rate: float) -> bytes:
     """Convert a sound to what the model reads: 16 kHz, one channel, 16 bits, a fixed level."""
-    from scipy.signal import resample_poly
-
     if samples.ndim == 2:
         samples = samples.mean(axis=1)
-    if samples.ndim != 1 or not math.isfinite(rate) or rate < 1 or abs(rate - round(rate)) > 1e-6:
+    if samples.ndim != 1 or not _LOWEST_RATE <= rate < math.inf:
         raise DataError(
             "the shape or the rate of the sound is out of range",
-            found=f"{samples.shape} at {rate} Hz",
-            expected="(samples,) or (samples, channels) at an integer number of hertz",
+            found=f"{samples.shape} at {rate:g} Hz",
+            expected=f"(samples,) or (samples, channels) at {_LOWEST_RATE:g} Hz or more",
         )
     if len(samples) < _SHORTEST * rate:
         raise DataError(
@@ -374,6 +374,5 @@ def _to_pcm(samples: FloatArray, rate: float) -> bytes:
     peak = float(np.abs(samples).max())
     if peak == 0:
         raise DataError("the sound is silent", advice="Check the channel and the file.")
-    divisor = math.gcd(MODEL_RATE, round(rate))
-    resampled = resample_poly(samples / peak, MODEL_RATE // divisor, round(rate) // divisor)
+    resampled = resample(samples / peak, rate, MODEL_RATE)
     return bytes(np.clip(resampled * _PEAK * 32767, -32768, 32767).astype("<i2").tobytes())

@@ -73,6 +73,9 @@ def test_a_users_own_dictionary_replaces_the_english_one(tmp_path):
         (np.full(16000, np.nan), 16000, "not numbers"),
         (np.ones((2, 3, 4)), 16000, "shape or the rate"),
         (np.ones(16000), -1, "shape or the rate"),
+        (np.ones(16000), 100, "at 4000 Hz or more"),
+        (np.ones(16000), np.inf, "shape or the rate"),
+        (np.ones(16000), np.nan, "shape or the rate"),
         (np.ones(16000), None, "need their rate"),
     ],
 )

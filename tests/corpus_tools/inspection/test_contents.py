@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+import soundfile
 
 from corpus_tools.cli import app as cli
 from mocap_fit.control import create
@@ -73,6 +74,32 @@ def test_sound(tmp_path, capsys):
     assert speech["loudest_db"] == pytest.approx(-9, abs=0.2)
     assert (speech["clipped"], other["clipped"]) == (0, 1)
     assert other["quietest_db"] == -100
+
+
+@pytest.mark.parametrize(("count", "rate"), [(1, 16000), (2, 48000), (100, 1), (100, 10)])
+def test_sound_that_is_short_or_slow(tmp_path, capsys, count, rate):
+    write_sound(Sound(np.full(count, 0.5), rate), tmp_path / "a.wav")
+    (told,) = info(capsys, tmp_path / "a.wav")
+    (channel,) = told["channels"]
+    assert channel["loudest_db"] == pytest.approx(-6, abs=0.1)
+    assert channel["quietest_db"] == pytest.approx(-6, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("kind", "encoding", "ending"),
+    [
+        ("WAV", "PCM_U8", "wav"),
+        ("FLAC", "PCM_24", "flac"),
+        ("NIST", "ULAW", "sph"),
+        ("OGG", "VORBIS", "oga"),
+        ("MP3", "MPEG_LAYER_III", "mp3"),
+    ],
+)
+def test_sound_of_every_format_has_its_encoding(tmp_path, capsys, kind, encoding, ending):
+    path = tmp_path / f"a.{ending}"
+    soundfile.write(str(path), 0.5 * np.sin(np.arange(8000)), 8000, encoding, format=kind)
+    (told,) = info(capsys, path)
+    assert (told["content"], told["encoding"], told["rate"]) == ("sound", encoding, 8000)
 
 
 def test_a_corpus_and_its_files(tmp_path, corpus, capsys):
