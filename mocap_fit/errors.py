@@ -17,6 +17,17 @@ DEBUG_VARIABLE = "MOCAP_FIT_DEBUG"
 """Environment variable with which the command line shows tracebacks."""
 
 
+def is_debugging() -> bool:
+    """Whether the user wants tracebacks.
+
+    Returns
+    -------
+    bool
+        True if the environment variable `DEBUG_VARIABLE` is set, but for 0.
+    """
+    return os.environ.get(DEBUG_VARIABLE, "") not in ("", "0")
+
+
 class MocapFitError(Exception):
     """A problem with the user's data, described so that the user can correct it.
 

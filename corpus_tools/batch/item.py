@@ -255,7 +255,7 @@ def try_item(context: Context, work: Callable[[], Mapping[str, Any]]) -> ItemRes
     figures: Mapping[str, Any] = {}
     message = trace = details = None
     causes: dict[str, str] = {}
-    with catch_warnings(context) as lines:
+    with catch_warnings(context.rename_paths) as lines:
         try:
             figures = work()
         except Exception as error:
@@ -284,13 +284,13 @@ def try_item(context: Context, work: Callable[[], Mapping[str, Any]]) -> ItemRes
 
 
 @contextlib.contextmanager
-def catch_warnings(context: Context) -> Iterator[list[str]]:
+def catch_warnings(rename_paths: Callable[[str], str] = str) -> Iterator[list[str]]:
     """Collect what is warned about, one line each; equal lines once.
 
     Parameters
     ----------
-    context
-        Where an item is processed; files are named as its user does.
+    rename_paths
+        Returns a message that names files as the user does.
 
     Yields
     ------
@@ -306,5 +306,5 @@ def catch_warnings(context: Context) -> Iterator[list[str]]:
     for warning in caught:
         ours = issubclass(warning.category, MocapFitWarning)
         prefix = "" if ours else f"{warning.category.__name__}: "
-        lines.append(context.rename_paths(f"{prefix}{warning.message}"))
+        lines.append(rename_paths(f"{prefix}{warning.message}"))
     lines[:] = dict.fromkeys(lines)

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
-from mocap_fit.errors import DEBUG_VARIABLE, MocapFitError, MocapFitWarning, describe_error
+from mocap_fit.errors import MocapFitError, MocapFitWarning, describe_error, is_debugging
 
 if TYPE_CHECKING:
     from types import FrameType
@@ -154,17 +154,6 @@ def stop_if_interrupted() -> None:
     """
     if _interrupts:
         raise KeyboardInterrupt
-
-
-def is_debugging() -> bool:
-    """Whether the user wants tracebacks.
-
-    Returns
-    -------
-    bool
-        True if the environment variable `DEBUG_VARIABLE` is set, but for 0.
-    """
-    return os.environ.get(DEBUG_VARIABLE, "") not in ("", "0")
 
 
 def print_error(error: MocapFitError | OSError | MemoryError) -> None:

@@ -107,6 +107,7 @@ def _validate(
     rate: arguments.Rate = None,
     unit: arguments.Unit = None,
     subject: arguments.Subject = None,
+    jobs: arguments.Jobs = 1,
     load_codes: Annotated[
         bool, Option("--codes", help="List all that can be found, and end.")
     ] = False,
@@ -134,6 +135,7 @@ def _validate(
             phone_set=phone_set,
             page=html,
             **reading,
+            jobs=jobs,
             progress=progress,
         )
     if as_json:

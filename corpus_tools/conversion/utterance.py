@@ -114,7 +114,7 @@ class ConversionJob:
         """
         settings, name = self.settings, item.name
         speaker = settings.speakers[item.entry.reference]
-        with catch_warnings(context) as checks:
+        with catch_warnings(context.rename_paths) as checks:
             with context.time("reading"):
                 recording = read_recording(settings, context.folder, item)
                 check_memory(

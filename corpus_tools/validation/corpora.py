@@ -16,7 +16,7 @@ import numpy as np
 from corpus_tools.validation import geometry
 from corpus_tools.validation.findings import Finding, Location
 from corpus_tools.validation.parameters import check_closures
-from corpus_tools.validation.reading import FOLDERS, describe_failure, read_utterance
+from corpus_tools.validation.reading import FOLDERS, Checked, describe_failure, read_utterance
 from corpus_tools.validation.subject import Context, Subject, Summary, check_subject
 from corpus_tools.validation.tables import check_table, read_frame
 from corpus_tools.validation.thresholds import Thresholds
@@ -121,7 +121,25 @@ def open_for_checks(folder: Path, context: Context) -> tuple[Opened | None, list
     return Opened(corpus, context, wanted, folder, shown), findings
 
 
-def check_utterance(opened: Opened, utterance: Utterance) -> tuple[list[Finding], Summary]:
+def locate_utterance(opened: Opened, utterance: Utterance) -> Location:
+    """Return the location of an utterance as such.
+
+    Parameters
+    ----------
+    opened
+        The corpus.
+    utterance
+        The utterance.
+
+    Returns
+    -------
+    Location
+        The file of its tracks.
+    """
+    return Location(os.path.join(opened.shown, "tracks", f"{utterance.id}.parquet"), utterance.id)
+
+
+def check_utterance(opened: Opened, utterance: Utterance) -> Checked:
     """Read an utterance and check it; only the summary of its data stays in memory.
 
     Parameters
@@ -135,7 +153,7 @@ def check_utterance(opened: Opened, utterance: Utterance) -> tuple[list[Finding]
     -------
     findings
         What is wrong.
-    summary
+    summaries
         What the checks of the whole corpus need of it.
     """
     limits = opened.context.limits
@@ -153,7 +171,7 @@ def check_utterance(opened: Opened, utterance: Utterance) -> tuple[list[Finding]
     remarks = [remark for remark in utterance.checks if not remark.startswith(_JUDGED)]
     findings += [Finding("MF514", table, remark) for remark in remarks]
     more, summary = check_subject(subject, opened.context)
-    return findings + more, summary
+    return findings + more, [summary]
 
 
 def check_provenance(

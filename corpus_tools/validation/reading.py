@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from corpus_tools.validation.findings import Finding, Location
-from corpus_tools.validation.subject import Subject
+from corpus_tools.validation.subject import Context, Subject, Summary, check_subject
 from corpus_tools.validation.tables import (
     check_table,
     check_times,
@@ -30,6 +30,8 @@ from mocap_fit.errors import (
     MocapFitWarning,
     RateMismatchError,
     RegistryError,
+    describe_error,
+    is_debugging,
 )
 from mocap_fit.io import READERS, ReadOptions
 from mocap_fit.labels import LABEL_READERS, Label, Labels, Tier, find_phone_tier, read_all_labels
@@ -46,6 +48,8 @@ FOLDERS = {
     "audio": ("sound", "wav", "sound"),
 }
 _Content = TypeVar("_Content")
+Checked = tuple[list[Finding], list[Summary]]
+"""What is wrong with an utterance, and what the checks of all need of it."""
 
 
 def _describe_error(error: MocapFitError) -> str:
@@ -57,13 +61,14 @@ def _describe_error(error: MocapFitError) -> str:
     return f"{location}{error.problem}{value}"
 
 
-def describe_failure(error: MocapFitError, file: str, utterance: str = "") -> Finding:
-    """Return the finding of a file that cannot be read.
+def describe_failure(error: Exception, file: str, utterance: str = "") -> Finding:
+    """Return the finding of a file that cannot be read or checked.
 
     Parameters
     ----------
     error
-        The error of the reader.
+        The error of the reader; one that is neither ours nor the system's is raised while
+        debugging.
     file
         The file, as the user named it.
     utterance
@@ -74,13 +79,16 @@ def describe_failure(error: MocapFitError, file: str, utterance: str = "") -> Fi
     Finding
         The finding.
     """
-    code = "MF001"
+    code, where = "MF001", Location(file, utterance)
+    if not isinstance(error, MocapFitError):
+        if is_debugging() and not isinstance(error, OSError | MemoryError):
+            raise error
+        return Finding(code, where, describe_error(error))
     if isinstance(error, FrameTimesError):
         code = "MF142"
     elif isinstance(error, RateMismatchError):
         code = "MF141"
     expected = "" if error.expected is None else str(error.expected)[:200]
-    where = Location(file, utterance)
     return Finding(code, where, _describe_error(error), expected, advice=error.advice or "")
 
 
@@ -135,7 +143,7 @@ def read_utterance(
                 findings += _read_phones(subject, path, name)
             else:
                 findings += _read_tracks(subject, utterance, path, kind, name, limits)
-        except MocapFitError as error:
+        except Exception as error:
             findings.append(describe_failure(error, name, utterance.id))
     return subject, findings
 
@@ -292,9 +300,12 @@ def list_files(folder: Path) -> tuple[list[Path], list[Path]]:
 def _is_known(path: Path) -> bool:
     readers = [READERS.get(name) for name in READERS.names()]
     readers += [LABEL_READERS.get("csv")]
-    return any(
-        path.suffix.lower() in reader.extensions and reader.sniff(path) for reader in readers
-    )
+    fitting = [reader for reader in readers if path.suffix.lower() in reader.extensions]
+    try:
+        return any(reader.sniff(path) for reader in fitting)
+    except Exception:
+        # Reading it says what is wrong.
+        return True
 
 
 def _is_of_sentences(path: Path) -> bool:
@@ -337,6 +348,47 @@ def _list_endings(registry: Any) -> set[str]:
 
 def _is_labels(path: Path) -> bool:
     return bool(LABEL_READERS.get("csv").sniff(path))
+
+
+def locate_files(context: Context, files: Files) -> Location:
+    """Return the location of an utterance's files as such.
+
+    Parameters
+    ----------
+    context
+        What their data are compared with.
+    files
+        The files.
+
+    Returns
+    -------
+    Location
+        All of them.
+    """
+    names = ", ".join(map(str, (*files.recordings, *files.labels, *files.sounds)))
+    return Location(names, files.name)
+
+
+def check_files(context: Context, files: Files) -> Checked:
+    """Read the files of one utterance and check it; only summaries of its data stay in memory.
+
+    Parameters
+    ----------
+    context
+        What their data are compared with.
+    files
+        The files.
+
+    Returns
+    -------
+    findings
+        What is wrong.
+    summaries
+        What the checks of all utterances need of it.
+    """
+    subjects, findings = read_files(files, context.phone_set, context.options)
+    checked = [check_subject(subject, context) for subject in subjects]
+    return findings + [f for more, _ in checked for f in more], [one for _, one in checked]
 
 
 def read_files(
@@ -401,7 +453,7 @@ def _read_each(
     for path in paths:
         try:
             content = reader(path)
-        except MocapFitError as error:
+        except Exception as error:
             findings.append(describe_failure(error, str(path), name))
         else:
             yield str(path), content

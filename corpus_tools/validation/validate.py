@@ -25,9 +25,13 @@ def validate(
     unit: str | None = None,
     subject: str | None = None,
     rename: Mapping[str, str] | None = None,
+    jobs: int = 1,
     progress: TaskProgress | None = None,
 ) -> Report:
     """Check recordings, labels, sound and corpora.
+
+    What cannot be read or checked is a finding, and does not keep the others from being checked;
+    where there are several processes, one that dies takes only its utterance with it.
 
     Parameters
     ----------
@@ -50,6 +54,8 @@ def validate(
         Subject whose markers are read, where files name several.
     rename
         New names of markers by those in the files.
+    jobs
+        Number of processes; 0 for one per core.
     progress
         Called with a task, the number of its steps done, and of all.
 
@@ -85,11 +91,11 @@ def validate(
     loose = []
     for path in map(Path, paths):
         if (path / DESCRIPTION_FILE).is_file():
-            _validate_corpus(path, context, report, progress)
+            _validate_corpus(path, context, report, jobs, progress)
         else:
             loose.append(path)
     if loose:
-        _validate_files(loose, context, report, progress)
+        _validate_files(loose, context, report, jobs, progress)
     report.finish()
     if page is not None:
         from corpus_tools.validation.page import write_page
@@ -99,9 +105,10 @@ def validate(
 
 
 def _validate_corpus(
-    path: Path, context: Context, report: Report, progress: TaskProgress | None
+    path: Path, context: Context, report: Report, jobs: int, progress: TaskProgress | None
 ) -> None:
     from corpus_tools.validation import corpora
+    from corpus_tools.validation.many import check_each
 
     opened, findings = corpora.open_for_checks(path, context)
     report.add(findings)
@@ -109,13 +116,9 @@ def _validate_corpus(
         report.checked.append(f"{path}: a corpus that cannot be opened")
         return
     corpus = opened.corpus
-    summaries = []
     advance = count_steps(progress, "checking utterances", len(corpus))
-    for utterance in corpus:
-        findings, summary = corpora.check_utterance(opened, utterance)
-        report.add(findings)
-        summaries.append(summary)
-        advance()
+    work = corpora.check_utterance, corpora.locate_utterance
+    summaries = check_each(work, opened, corpus.utterances, report, jobs, advance)
     report.add(list(corpora.check_between(summaries, context.limits, splits=True)))
     report.summaries += summaries
     rig = opened.context.rig
@@ -130,11 +133,15 @@ def _validate_corpus(
 
 
 def _validate_files(
-    paths: Sequence[Path], context: Context, report: Report, progress: TaskProgress | None
+    paths: Sequence[Path],
+    context: Context,
+    report: Report,
+    jobs: int,
+    progress: TaskProgress | None,
 ) -> None:
     from corpus_tools.validation import corpora, reading
     from corpus_tools.validation.findings import Finding, Location
-    from corpus_tools.validation.subject import check_subject
+    from corpus_tools.validation.many import check_each
 
     chosen: list[Path] = []
     for path in paths:
@@ -154,16 +161,8 @@ def _validate_files(
             report.checked.append(str(path))
     groups, unknown = reading.group_files(chosen)
     report.add([reading.describe_unknown(path) for path in unknown])
-    summaries = []
-    if groups:
-        advance = count_steps(progress, "checking files", len(groups))
-        for files in groups:
-            subjects, findings = reading.read_files(files, context.phone_set, context.options)
-            report.add(findings)
-            for subject in subjects:
-                findings, summary = check_subject(subject, context)
-                report.add(findings)
-                summaries.append(summary)
-            advance()
+    advance = count_steps(progress, "checking files", len(groups))
+    work = reading.check_files, reading.locate_files
+    summaries = check_each(work, context, groups, report, jobs, advance)
     report.add(list(corpora.check_between(summaries, context.limits, splits=False)))
     report.summaries += summaries
