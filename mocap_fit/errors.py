@@ -243,7 +243,7 @@ def from_os_error(
     return FileFormatError(f"the {noun} cannot be read", path=path, found=reason, advice=advice)
 
 
-def describe_error(error: BaseException) -> str:
+def describe_error(error: BaseException, path: str | os.PathLike[str] | None = None) -> str:
     """Return the one-line text of an error.
 
     Parameters
@@ -251,20 +251,24 @@ def describe_error(error: BaseException) -> str:
     error
         A `MocapFitError`, an `OSError` or a `MemoryError`; any other exception is a mistake of
         ours.
+    path
+        The file that it is about, where the error names none.
 
     Returns
     -------
     str
-        The message, with the file where the error names one.
+        The message, with the file where one is known.
     """
-    if isinstance(error, OSError) and not isinstance(error, MocapFitError):
-        reason = error.strerror or str(error) or type(error).__name__
-        return f"{error.filename}: {reason}" if error.filename is not None else reason
-    if isinstance(error, MemoryError):
-        return "there is not enough memory. Take fewer or shorter recordings at a time."
     if isinstance(error, MocapFitError):
-        return str(error)
-    return (
-        f"this is a bug in mocap-fit ({type(error).__name__}: {error}). "
-        f"Set {DEBUG_VARIABLE}=1, run it again, and report the traceback that it shows."
-    )
+        return str(error if path is None else add_path(error, path))
+    if isinstance(error, OSError):
+        path = path if error.filename is None else error.filename
+        text = error.strerror or str(error) or type(error).__name__
+    elif isinstance(error, MemoryError):
+        text = "there is not enough memory. Take fewer or shorter recordings at a time."
+    else:
+        text = (
+            f"this is a bug in mocap-fit ({type(error).__name__}: {error}). "
+            f"Set {DEBUG_VARIABLE}=1, run it again, and report the traceback that it shows."
+        )
+    return text if path is None else f"{os.fspath(path)}: {text}"

@@ -103,6 +103,48 @@ class Registry:
                 ) from error
         return self._loaded[name]
 
+    def load_all(self) -> dict[str, Any]:
+        """Import all plug-ins.
+
+        Returns
+        -------
+        dict of str to object
+            Those that can be imported, by their names in order.
+
+        Raises
+        ------
+        RegistryError
+            If two distributions claim one name.
+
+        Warns
+        -----
+        MocapFitWarning
+            If one cannot be imported; it is passed over.
+        """
+        loaded: dict[str, Any] = {}
+        for name in self.names():
+            try:
+                loaded[name] = self.get(name)
+            except RegistryError as error:
+                # One laboratory's broken plug-in must not stop the others.
+                warnings.warn(str(error), MocapFitWarning, stacklevel=3)
+        return loaded
+
+    def list_extensions(self) -> set[str]:
+        """List the endings of files that readers take.
+
+        Returns
+        -------
+        set of str
+            Such as ``.tsv``, in lower case.
+
+        Warns
+        -----
+        MocapFitWarning
+            If a reader cannot be imported; it is passed over.
+        """
+        return {ending for reader in self.load_all().values() for ending in reader.extensions}
+
     @contextlib.contextmanager
     def guard(self, name: str, path: str | os.PathLike[str] | None = None) -> Iterator[None]:
         """Name the distribution whose plug-in raises anything but an error about the data.
@@ -123,13 +165,15 @@ class Registry:
         ------
         RegistryError
             In place of any exception of another distribution's plug-in that is neither a
-            `MocapFitError` nor an `OSError`. Exceptions of our own plug-ins pass.
+            `MocapFitError` nor an `OSError` nor a `MemoryError`. Exceptions of our own plug-ins
+            pass.
         """
         try:
             yield
         except (MocapFitError, OSError, MemoryError):
             raise
-        except Exception as error:
+        # A plug-in that ends the program must not end ours.
+        except (Exception, SystemExit) as error:
             source = self.get_distribution(name)
             if source == _DISTRIBUTION:
                 raise
@@ -171,13 +215,7 @@ class Registry:
         MocapFitWarning
             If a reader cannot be loaded; it is passed over.
         """
-        loaded: dict[str, Any] = {}
-        for name in self.names():
-            try:
-                loaded[name] = self.get(name)
-            except RegistryError as error:
-                # One laboratory's broken reader must not stop the others.
-                warnings.warn(str(error), MocapFitWarning, stacklevel=3)
+        loaded = self.load_all()
         extension = path.suffix.lower()
         by_extension = [name for name, reader in loaded.items() if extension in reader.extensions]
         for name in sorted(loaded, key=lambda name: (name not in by_extension, name)):

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any, Protocol, TypeVar
 
-from mocap_fit.errors import MocapFitError, MocapFitWarning, add_path, describe_error
+from mocap_fit.errors import MocapFitError, MocapFitWarning, describe_error
 
 ItemT = TypeVar("ItemT", bound="Item", contravariant=True)
 
@@ -262,13 +262,8 @@ def try_item(context: Context, work: Callable[[], Mapping[str, Any]]) -> ItemRes
             trace = traceback.format_exc()
             details = getattr(error, "details", None)
             source = context.folder / item.sources[0]
-            if isinstance(error, MocapFitError):
-                error = add_path(error, source)
-            message = describe_error(error)
-            if getattr(error, "path", None) is None and getattr(error, "filename", None) is None:
-                message = f"{source}: {message}"
-            cause = error.cause if isinstance(error, MocapFitError) else message
-            message = context.rename_paths(message)
+            message = context.rename_paths(describe_error(error, source))
+            cause = error.cause if isinstance(error, MocapFitError) else describe_error(error)
             causes[message] = context.leave_out_item(context.rename_paths(cause))
     causes |= {line: context.leave_out_item(line) for line in lines}
     return ItemResult(

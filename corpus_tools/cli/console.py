@@ -103,13 +103,9 @@ def _report_end(error: BaseException) -> Status:
     if _interrupts or isinstance(error, (StoppedError, KeyboardInterrupt)):
         say("stopped")
         return Status.STOPPED
-    if isinstance(error, (MocapFitError, OSError, MemoryError)):
-        print_error(error)
-        return Status.BAD_DATA
-    if is_debugging():
-        traceback.print_exc()
-    say(f"error: {describe_error(error)}")
-    return Status.BUG
+    print_error(error)
+    is_of_data = isinstance(error, (MocapFitError, OSError, MemoryError))
+    return Status.BAD_DATA if is_of_data else Status.BUG
 
 
 # One entry for each Ctrl-C since the command began.
@@ -156,17 +152,19 @@ def stop_if_interrupted() -> None:
         raise KeyboardInterrupt
 
 
-def print_error(error: MocapFitError | OSError | MemoryError) -> None:
-    """Print an error of the user's data as one line on stderr.
+def print_error(error: BaseException, path: str | os.PathLike[str] | None = None) -> None:
+    """Print an error as one line on stderr.
 
     Parameters
     ----------
     error
         The error.
+    path
+        The file that it is about, where the error names none.
     """
     if is_debugging():
         traceback.print_exception(error)
-    say(f"error: {describe_error(error)}")
+    say(f"error: {describe_error(error, path)}")
 
 
 def print_traceback(text: str | None) -> None:

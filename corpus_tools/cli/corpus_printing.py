@@ -14,7 +14,7 @@ from corpus_tools.conversion.align import AlignReport
 from corpus_tools.conversion.fit import FitReport
 from corpus_tools.conversion.report import ConversionReport, list_names
 from corpus_tools.conversion.select_sentences import SelectionReport
-from mocap_fit.errors import MocapFitError
+from mocap_fit.errors import MocapFitError, is_debugging
 
 _COLUMNS = {
     "frames": "frames",
@@ -64,7 +64,7 @@ class CausePrinter:
         error
             The error.
         """
-        if console.is_debugging():
+        if is_debugging():
             console.print_error(error)
         else:
             self.show(name, f"error: {error}", f"error: {error.cause}")

@@ -32,7 +32,10 @@ def _demo(
 def _info(
     files: Annotated[
         list[Path],
-        Argument(metavar="FILE", help="Recordings, labels, sound, trained models, corpora."),
+        Argument(
+            metavar="FILE",
+            help="Recordings, labels, sound, trained models, corpora; folders of such files.",
+        ),
     ],
     tree: Annotated[
         str | None, Option(metavar="PHONE/PARAMETER", help="Show a tree of a CART model.")
@@ -66,22 +69,28 @@ def _info(
     from corpus_tools.cli.contents_printing import print_contents
     from corpus_tools.cli.corpus_printing import CausePrinter
     from corpus_tools.inspection.info import info as run
-    from mocap_fit.errors import MocapFitError
+    from mocap_fit.errors import MocapFitError, add_path
 
-    causes = CausePrinter()
+    faults: dict[str, Exception] = {}
 
-    def show(content: Mapping[str, Any], error: MocapFitError | OSError | None) -> None:
-        if isinstance(error, MocapFitError):
-            causes.show_error(content["file"], error)
-        elif error is not None:
-            console.print_error(error)
+    def show(content: Mapping[str, Any], error: Exception | None) -> None:
+        console.stop_if_interrupted()
+        if error is not None:
+            faults[content["file"]] = error
         elif not as_json:
             print_contents(content)
 
     report = run(files, **reading, progress=show)
-    causes.finish()
     if as_json:
         display.print_json(report.contents)
+    # Last, where they are not scrolled away.
+    causes = CausePrinter()
+    for file, error in faults.items():
+        if isinstance(error, MocapFitError):
+            causes.show_error(file, add_path(error, file))
+        else:
+            console.print_error(error, file)
+    causes.finish()
     raise typer.Exit(Status.BAD_DATA if report.errors else Status.DONE)
 
 

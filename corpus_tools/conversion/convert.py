@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,9 @@ from corpus_tools.conversion.entries import list_entries, list_recordings
 from corpus_tools.conversion.gather import finish, open_folder, read_former_splits
 from corpus_tools.conversion.manifest import Manifest, load_manifest
 from corpus_tools.conversion.plan import make_plan
-from corpus_tools.conversion.report import ConversionReport
+from corpus_tools.conversion.report import ConversionReport, format_messages
 from corpus_tools.conversion.utterance import ConversionJob
-from mocap_fit.errors import ConfigurationError
+from mocap_fit.errors import ConfigurationError, MocapFitError, MocapFitWarning
 from mocap_fit.phones import list_phone_sets
 
 _MANIFEST = "manifest.toml"
@@ -113,7 +114,13 @@ def convert(
             job, plan.items, folder, jobs=jobs, cluster=cluster, fresh=fresh, progress=progress
         )
         results = {result.name: result for result in (*refused, *converted)}
-        removed = finish(plan, results, folder)
+        try:
+            removed = finish(plan, results, folder)
+        except (MocapFitError, OSError):
+            # What is wrong with utterances is said all the same.
+            for line in format_messages(results):
+                warnings.warn(line.partition(": ")[2], MocapFitWarning, stacklevel=2)
+            raise
     unlisted = set(list_recordings(settings, base)) - {entry.id for entry in entries}
     seconds = time.perf_counter() - began
     return ConversionReport(folder, entries, results, sorted(unlisted), removed, seconds)

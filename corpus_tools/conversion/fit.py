@@ -311,7 +311,7 @@ def find_recordings(paths: Sequence[Path]) -> list[Path]:
     ConfigurationError
         If a folder or a pattern holds no recording, or two recordings have one name.
     """
-    known = {ending for name in READERS.names() for ending in READERS.get(name).extensions}
+    known = READERS.list_extensions()
     files: list[Path] = []
     for path in paths:
         matches = [path]

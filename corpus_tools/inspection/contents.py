@@ -71,10 +71,17 @@ def describe_contents(path: str | os.PathLike[str], options: ReadOptions) -> Map
 def _is_labels(file: Path) -> bool:
     """Whether a file holds labels; tables and texts are distinguished by their content."""
     ending = file.suffix.lower()
-    readers = (LABEL_READERS.get(name) for name in LABEL_READERS.names())
-    fitting = (reader for reader in readers if ending in (*reader.extensions, ".txt"))
-    is_table = ending in (".csv", ".tsv", ".txt")
-    return file.is_file() and any(not is_table or reader.sniff(file) for reader in fitting)
+    readers = LABEL_READERS.load_all()
+    fitting = [name for name, reader in readers.items() if ending in (*reader.extensions, ".txt")]
+    if not fitting or not file.is_file():
+        return False
+    if ending not in (".csv", ".tsv", ".txt"):
+        return True
+    for name in fitting:
+        with LABEL_READERS.guard(name, file):
+            if readers[name].sniff(file):
+                return True
+    return False
 
 
 def _describe_labels(path: str | os.PathLike[str]) -> dict[str, Any]:

@@ -5,10 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from corpus_tools.inspection.contents import describe_contents
-from mocap_fit.errors import MocapFitError, describe_error
+from corpus_tools.validation.reading import list_files
+from mocap_fit.corpus import DESCRIPTION_FILE
+from mocap_fit.errors import describe_error
 from mocap_fit.io import ReadOptions
 
 
@@ -41,14 +44,15 @@ def info(
     unit: str | None = None,
     subject: str | None = None,
     rename: Mapping[str, str] | None = None,
-    progress: Callable[[Mapping[str, Any], MocapFitError | OSError | None], object] | None = None,
+    progress: Callable[[Mapping[str, Any], Exception | None], object] | None = None,
 ) -> Info:
     """Describe files; a bad one does not keep the others from being described.
 
     Parameters
     ----------
     files
-        Recordings, labels, sound, trained models, folders of corpora.
+        Recordings, labels, sound, trained models, corpora, and folders that hold recordings,
+        labels and sound.
     rate
         Frame rate of the recordings, hertz, in place of what the files say.
     unit
@@ -68,14 +72,23 @@ def info(
     options = ReadOptions(rate, unit, subject, rename or {})
     listed = [files] if isinstance(files, (str, os.PathLike)) else files
     contents: list[Mapping[str, Any]] = []
-    for file in listed:
-        fault: MocapFitError | OSError | None = None
+    for file in (file for path in listed for file in _list_files(path)):
+        fault: Exception | None = None
         try:
             content: Mapping[str, Any] = describe_contents(file, options)
-        except (MocapFitError, OSError) as error:
+        except Exception as error:
             fault = error
-            content = {"file": os.fspath(file), "error": describe_error(error)}
+            content = {"file": os.fspath(file), "error": describe_error(error, file)}
         contents.append(content)
         if progress is not None:
             progress(content, fault)
     return Info(tuple(contents))
+
+
+def _list_files(path: str | os.PathLike[str]) -> Sequence[str | os.PathLike[str]]:
+    """Return the files of a folder that is no corpus, as `validate` takes them, or the path."""
+    folder = Path(path)
+    if not folder.is_dir() or (folder / DESCRIPTION_FILE).is_file():
+        return [path]
+    files, unknown = list_files(folder)
+    return sorted([*files, *unknown]) or [path]

@@ -21,7 +21,6 @@ from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.evaluation import GROUPS, Evaluation, LandmarkScores, figures
 from mocap_fit.evaluation.landmarks import MEASURES
 from mocap_fit.evaluation.tables import format_percent
-from mocap_fit.processes import limit_to_one_thread
 
 LANDMARKS_EXPLAINED = (
     "Correlation of the predicted face with the markers themselves, over the frames that are not "
@@ -72,7 +71,6 @@ class EvaluationReport:
         return "\n".join([*lines, *("  " + "  ".join(row) for row in (header, *rows))])
 
 
-@limit_to_one_thread()
 def evaluate(
     corpus: str | os.PathLike[str],
     models: Sequence[str | os.PathLike[str]],

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,9 +26,7 @@ from mocap_fit.errors import (
     DataError,
     FrameTimesError,
     MocapFitError,
-    MocapFitWarning,
     RateMismatchError,
-    RegistryError,
     describe_error,
     is_debugging,
 )
@@ -244,8 +241,8 @@ def group_files(paths: Sequence[Path]) -> tuple[list[Files], list[Path]]:
     others
         Those whose ending says nothing.
     """
-    recordings = _list_endings(READERS)
-    labels = _list_endings(LABEL_READERS)
+    recordings = READERS.list_extensions()
+    labels = LABEL_READERS.list_extensions()
     groups: dict[str, Files] = {}
     others = []
     for path in sorted(paths):
@@ -284,7 +281,7 @@ def list_files(folder: Path) -> tuple[list[Path], list[Path]]:
         Tables that no reader knows.
     """
     chosen, others = [], []
-    known = _list_endings(READERS) | _list_endings(LABEL_READERS) | set(SOUND_ENDINGS)
+    known = READERS.list_extensions() | LABEL_READERS.list_extensions() | set(SOUND_ENDINGS)
     for path in sorted(folder.rglob("*")):
         hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
         if hidden or not path.is_file() or path.suffix.lower() not in known:
@@ -298,8 +295,7 @@ def list_files(folder: Path) -> tuple[list[Path], list[Path]]:
 
 
 def _is_known(path: Path) -> bool:
-    readers = [READERS.get(name) for name in READERS.names()]
-    readers += [LABEL_READERS.get("csv")]
+    readers = [*READERS.load_all().values(), LABEL_READERS.get("csv")]
     fitting = [reader for reader in readers if path.suffix.lower() in reader.extensions]
     try:
         return any(reader.sniff(path) for reader in fitting)
@@ -334,16 +330,6 @@ def describe_unknown(path: Path) -> Finding:
         return Finding("MF001", Location(str(path)), "there is no such file or folder")
     text = f"no reader takes files in {path.suffix or 'no ending'}"
     return Finding("MF001", Location(str(path)), text, "a recording, labels, sound, or a corpus")
-
-
-def _list_endings(registry: Any) -> set[str]:
-    endings: set[str] = set()
-    for name in registry.names():
-        try:
-            endings |= set(registry.get(name).extensions)
-        except RegistryError as error:
-            warnings.warn(str(error), MocapFitWarning, stacklevel=2)
-    return endings
 
 
 def _is_labels(path: Path) -> bool:

@@ -92,8 +92,6 @@ class NumberTable:
         Numbers, ``(rows, columns)``, in the units of the file; NaN where missing.
     lines
         Lines of the rows in the file, ``(rows,)``.
-    lost_line
-        The last line, where it is incomplete and was left out.
     sample
         Cells of the first rows, as they were written.
     path
@@ -104,7 +102,6 @@ class NumberTable:
 
     values: FloatArray
     lines: NDArray[np.intp]
-    lost_line: int | None
     sample: tuple[tuple[str, ...], ...]
     path: Path
     surplus: int = 0
@@ -252,7 +249,7 @@ def read_numbers(
     rows = lines.block.split(b"\n", _SAMPLE)[:_SAMPLE]
     cells = [decode_line(row).split(separator) for row in rows if row]
     sample = tuple(tuple(row[column] for column in used) for row in cells)
-    return NumberTable(values, lines.numbers, lost, sample, path, surplus)
+    return NumberTable(values, lines.numbers, sample, path, surplus)
 
 
 def _split_lines(

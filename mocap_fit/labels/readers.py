@@ -301,7 +301,7 @@ def write_labels(
     utterances = (labels,) if isinstance(labels, Labels) else tuple(labels)
     target = Path(path)
     if reader is None:
-        extensions = {n: LABEL_READERS.get(n).extensions for n in LABEL_READERS.names()}
+        extensions = {n: r.extensions for n, r in LABEL_READERS.load_all().items()}
         matches = [n for n in extensions if target.suffix.lower() in extensions[n]]
         if not matches:
             raise FileFormatError(

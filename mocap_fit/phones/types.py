@@ -176,22 +176,6 @@ class PhoneSequence:
         inside = (indices >= 0) & (times < self.ends[np.maximum(indices, 0)])
         return np.where(inside, indices, -1).astype(np.int64)
 
-    def find_gaps(self, shortest: float = 1e-6) -> tuple[tuple[float, float], ...]:
-        """Return the times between segments that are not labelled.
-
-        Parameters
-        ----------
-        shortest
-            Gaps up to this duration are left out, seconds.
-
-        Returns
-        -------
-        tuple of (float, float)
-            Start and end of each gap, seconds.
-        """
-        pairs = zip(self.segments, self.segments[1:], strict=False)
-        return tuple((a.end, b.start) for a, b in pairs if b.start - a.end > shortest)
-
     def replace(self, **changes: Any) -> Self:
         """Return a copy with some fields changed, checked again.
 

@@ -89,7 +89,7 @@ def test_the_step_says_what_the_caller_said() -> None:
 def times(values: Sequence[float], decimals: int = 3) -> NumberTable:
     rows = tuple((f"{value:.{decimals}f}",) for value in values)
     array = np.array([[float(cell) for cell in row] for row in rows])
-    return NumberTable(array, np.arange(len(rows)) + 2, None, rows, FILE)
+    return NumberTable(array, np.arange(len(rows)) + 2, rows, FILE)
 
 
 def timing(table: NumberTable, **options: object) -> tuple[float, float]:

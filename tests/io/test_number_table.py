@@ -40,7 +40,6 @@ def test_both_parsers_agree(rows: list[list[str]]) -> None:
     expected = [[parse_number(cell) for cell in row] for row in rows]
     np.testing.assert_array_equal(read.values, np.array(expected, dtype=np.float64))
     assert read.lines.tolist() == list(range(5, 5 + len(rows)))
-    assert read.lost_line is None
 
 
 def test_what_the_fast_parser_refuses_is_read_by_cell() -> None:

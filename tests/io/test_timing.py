@@ -19,7 +19,7 @@ FILE = Path("take.csv")
 def times(values: Sequence[float], decimals: int = 3) -> NumberTable:
     rows = tuple((f"{value:.{decimals}f}",) for value in values)
     array = np.array([[float(cell) for cell in row] for row in rows])
-    return NumberTable(array, np.arange(len(rows)) + 2, None, rows, FILE)
+    return NumberTable(array, np.arange(len(rows)) + 2, rows, FILE)
 
 
 def timing(table: NumberTable, **options: object) -> tuple[float, float]:

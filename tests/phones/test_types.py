@@ -35,14 +35,6 @@ def test_a_segment_has_its_start_and_not_its_end():
     assert PhoneSequence(()).at(np.array([0.0, 1.0])).tolist() == [-1, -1]
 
 
-def test_gaps_are_what_nothing_labels():
-    assert PHONES.find_gaps() == ((0.8, 1.0),)
-    assert PHONES.find_gaps(0.2) == ()
-    near = PHONES.replace(segments=(PHONES[0], PhoneSegment(0.6 + 5e-7, 1.0, "IY")))
-    assert near.find_gaps() == ()
-    assert near.find_gaps(1e-7) == ((0.6, 0.6 + 5e-7),)
-
-
 @pytest.mark.parametrize(
     ("start", "end", "phone", "stress"),
     [(1, 1, "A", None), (1, 0, "A", None), (0, np.inf, "A", 0), (0, 1, "", 0), (0, 1, "A", 3)],

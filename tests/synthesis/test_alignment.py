@@ -132,7 +132,7 @@ def test_an_alignment_covers_the_sound_and_stands_alone(aligner, data_folder):
     assert aligner.align(stereo, SENTENCES["mary"], rate).phones == first.phones
     assert first[0].start == 0
     assert first[-1].end == len(samples) / rate
-    assert not first.find_gaps()
+    np.testing.assert_allclose(first.starts[1:], first.ends[:-1], atol=1e-6)
     assert first.phone_set == "en-arpabet"
     assert first[0].phone == first[-1].phone == "sil"
     assert list(dict.fromkeys(s.word for s in first if s.word)) == [

@@ -87,7 +87,7 @@ def test_labels_are_phones_of_the_set_with_their_stress(corpus):
         words = [label.text for label in labels.get_tier("words").entries if label.text]
         assert " ".join(words).lower() == entry.text.lower().replace(",", "").rstrip(".?")
         phones = normalise_phones(read_phones(file), phone_set)
-        assert phones.find_gaps() == ()
+        np.testing.assert_allclose(phones.starts[1:], phones.ends[:-1], atol=1e-6)
         assert phones[0].start == 0
         sound = read_sound(corpus / "sound" / f"{entry.id}.wav")
         assert phones[len(phones) - 1].end == pytest.approx(sound.duration, abs=1e-4)
