@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ from mocap_fit.utterance import UTTERANCES_FILE, read_utterances
 # Says that the folder is one of ours, also while there is no corpus in it yet: what does not
 # belong to a corpus is removed from it, and nobody's recordings must be.
 _OURS = ".mocap-fit-corpus"
+# Seconds in which the processes of a conversion that was killed have ended too.
+_PATIENCE = 2.0
 
 
 @contextlib.contextmanager
@@ -72,17 +75,23 @@ def _lock(out: Path) -> Iterator[None]:
     except ImportError:
         yield
         return
+    end = time.monotonic() + _PATIENCE
     with open(out / _OURS, "rb") as stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise ConfigurationError(
-                "another conversion is at work in this folder",
-                path=out,
-                advice="Wait for it to end, or end it.",
-            ) from None
-        except OSError:  # A disk that cannot lock.
-            pass
+        while True:
+            try:
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                if time.monotonic() < end:
+                    time.sleep(0.05)
+                    continue
+                raise ConfigurationError(
+                    "another conversion is at work in this folder",
+                    path=out,
+                    advice="Wait for it to end, or end it.",
+                ) from None
+            except OSError:  # A disk that cannot lock.
+                pass
+            break
         yield
 
 

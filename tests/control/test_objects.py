@@ -156,12 +156,12 @@ def test_limits_of_several_threads_of_a_program_overlap():
         def work():
             with limit_to_one_thread():
                 entered.set()
-                leave.wait(10)
+                leave.wait(600)
 
         worker = threading.Thread(target=work)
         with limit_to_one_thread():
             worker.start()
-            entered.wait(10)
+            entered.wait(600)
         # The other thread still computes.
         assert count_threads() == {1}
         leave.set()

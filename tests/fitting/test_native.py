@@ -214,7 +214,7 @@ def test_without_numba_the_answers_are_the_same(binding: Binding, recording, tmp
         [sys.executable, "-c", textwrap.dedent(_WITHOUT_NUMBA), str(given), str(taken)],
         check=True,
         cwd=ROOT,
-        timeout=120,
+        timeout=600,
     )
     without = np.load(taken)
     reach = np.ptp(binding.rig.bounds, axis=1)

@@ -249,12 +249,12 @@ def test_a_line_of_a_hundred_megabytes(ending: str, start: bytes, tmp_path: Path
         file.seek(len(start))
         file.write(b"A" * (9 * 2**20))
     tracemalloc.start()
-    begin = time.perf_counter()
+    begin = time.process_time()
     refused(path)
-    took = time.perf_counter() - begin
+    took = time.process_time() - begin
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert took < 2
+    assert took < 5
     assert peak < 60 * 2**20
 
 

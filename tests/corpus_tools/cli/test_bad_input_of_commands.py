@@ -645,7 +645,7 @@ def test_the_installed_program(case, desk):
     arguments = build(desk)
     before = snapshot(desk.folder)
     done = subprocess.run(
-        [program, *arguments], capture_output=True, encoding="utf-8", timeout=120, check=False
+        [program, *arguments], capture_output=True, encoding="utf-8", timeout=600, check=False
     )
     assert done.returncode == 1
     assert done.stdout == ""

@@ -56,7 +56,7 @@ def run_program(*arguments, **options):
         capture_output=True,
         encoding="utf-8",
         env=environment,
-        timeout=120,
+        timeout=600,
         check=False,
         **options,
     )
@@ -387,7 +387,7 @@ class TestProcess:
                 stdout=pipe,
                 stderr=subprocess.PIPE,
                 encoding="utf-8",
-                timeout=120,
+                timeout=600,
                 check=False,
             )
         assert run.stderr == ""

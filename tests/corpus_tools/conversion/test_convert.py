@@ -6,11 +6,8 @@ import json
 import os
 import re
 import shutil
-import signal
-import subprocess
-import sys
-import time
 
+import killing
 import numpy as np
 import pandas as pd
 import pytest
@@ -342,20 +339,27 @@ class TestAgain:
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 def test_killed_and_resumed_it_is_the_same(lab, corpus, tmp_path):
-    out = tmp_path / "out"
-    program = "import sys; from corpus_tools.cli.app import main; sys.exit(main())"
-    for jobs, files in (("1", 2), ("2", 6), ("1", 11)):
-        process = subprocess.Popen(
-            [sys.executable, "-c", program, "convert", lab, "--out", out, "--jobs", jobs],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+    out, pieces = tmp_path / "out", []
+    for jobs, files in ((1, 2), (2, 6), (2, 8), (1, 11)):
+        process = killing.start("convert", lab, "--out", out, "--jobs", jobs)
+        # When it is killed, or whether it is done before, decides nothing.
+        killing.wait_until(
+            lambda process=process, files=files: (
+                process.poll() is not None or len(list(out.glob("*/*"))) >= files
+            )
         )
-        while process.poll() is None and len(list(out.glob("*/*"))) < files:
-            time.sleep(0.005)
-        process.send_signal(signal.SIGKILL)
-        process.wait()
+        process.kill()
+        killing.wait_until_gone(process)
+        pieces += [path for path in out.glob("*/[!.]*") if path.is_file()]
+    expected = sums(corpus)
+    # What has its final name is complete, and there is nothing else but what resuming removes.
+    assert pieces
+    assert all(
+        hashlib.sha256(path.read_bytes()).hexdigest() == expected[path.relative_to(out).as_posix()]
+        for path in pieces
+    )
     assert convert(lab, out) == 0
-    assert sums(out) == sums(corpus)
+    assert sums(out) == expected
 
 
 class TestSplits:

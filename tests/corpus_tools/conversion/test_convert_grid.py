@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import killing
 import numpy as np
 import pytest
 
@@ -102,6 +103,7 @@ def test_killed_ten_times_and_resumed_it_is_the_same(folder, corpus, tmp_path):
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             env=environment,
+            start_new_session=True,
         )
         # From when it works on, so that no kill is wasted on the start of Python. When it
         # comes does not decide anything: every moment must do.
@@ -112,6 +114,7 @@ def test_killed_ten_times_and_resumed_it_is_the_same(folder, corpus, tmp_path):
         process.send_signal(signal.SIGKILL)
         # Done before it was killed: the rest is tried on what is whole.
         killed += process.wait() == -signal.SIGKILL
+        killing.wait_until_gone(process)
         counts.append(len(list((out / "tracks").glob("*.parquet"))))
         if counts[-1] == 287 and killed < 10:
             draw_again(out, draw)

@@ -339,7 +339,7 @@ def test_as_a_process(session, fitted, tmp_path):
         cwd=session.path,
         capture_output=True,
         encoding="utf-8",
-        timeout=120,
+        timeout=600,
         check=False,
     )
     assert done.returncode == 0, done.stderr

@@ -2,16 +2,14 @@
 
 import hashlib
 import json
-import multiprocessing
 import os
 import random
 import signal
-import subprocess
 import sys
-import threading
 import time
 from importlib import resources
 
+import killing
 import numpy as np
 import pytest
 
@@ -220,41 +218,8 @@ class TestFingerprint:
         assert len(found | {speaker.compute_fingerprint()}) == 4
 
 
-# Where tests run in the background, Ctrl-C may be set to be ignored, and that is inherited.
-PROGRAM = """
-import signal, sys
-from corpus_tools.cli.app import main
-signal.signal(signal.SIGINT, signal.default_int_handler)
-sys.exit(main())
-"""
 # Many times slower than what is fitted with by default: enough to be caught in the middle.
 SLOWLY = ("--solver", "LN_PRAXIS")
-
-
-def started(given):
-    """The program in a process group of its own."""
-    return subprocess.Popen(
-        [sys.executable, "-c", PROGRAM, *given],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        encoding="utf-8",
-        start_new_session=True,
-    )
-
-
-def wait_until(true, seconds=60.0):
-    end = time.monotonic() + seconds
-    while not true():
-        assert time.monotonic() < end, "it did not happen"
-        time.sleep(0.01)
-
-
-def is_gone(group):
-    try:
-        os.killpg(group, 0)
-    except ProcessLookupError:
-        return True
-    return False
 
 
 @pytest.fixture(scope="module")
@@ -273,24 +238,31 @@ def longer_undisturbed(longer, tmp_path_factory):
 @posix
 @pytest.mark.slow
 class TestStopped:
+    @pytest.fixture
+    def endless(self, longer, tmp_path):
+        """The recordings, and one that is never read to its end: nothing is over too early."""
+        path = tmp_path / "waiting.crash"
+        path.write_text(f"CRASH wait {tmp_path / 'flag'}")
+        return [longer.path / "recordings", path]
+
     @pytest.mark.parametrize("jobs", [1, 2])
     def test_killed_at_any_moment_and_taken_up_again(
-        self, jobs, longer, longer_undisturbed, tmp_path
+        self, jobs, longer, longer_undisturbed, endless, tmp_path
     ):
         out, moments = tmp_path / "out", random.Random(jobs)
         for _ in range(3):
             done = len(list(out.glob("*.parquet")))
-            process = started(arguments(longer, out, *SLOWLY, "--jobs", jobs))
-            wait_until(
+            given = arguments(longer, out, *SLOWLY, "--jobs", jobs, recordings=endless)
+            process = killing.start(*given)
+            killing.wait_until(
                 lambda done=done, process=process: (
-                    process.poll() is not None or len(list(out.glob("*.parquet"))) > done
+                    process.poll() is not None or len(list(out.glob("*.parquet"))) > min(done, 11)
                 )
             )
             time.sleep(moments.uniform(0, 0.1))
             process.kill()
-            process.communicate(timeout=60)
             # Those that it started end too, and do not write on.
-            wait_until(lambda process=process: is_gone(process.pid))
+            killing.wait_until_gone(process)
             assert process.returncode == -signal.SIGKILL
         before = {path.name: path.stat().st_mtime_ns for path in out.glob("*.parquet")}
         assert len(before) >= 3
@@ -299,42 +271,30 @@ class TestStopped:
         assert {name: (out / name).stat().st_mtime_ns for name in before} == before
 
     @pytest.mark.parametrize("jobs", [1, 2])
-    def test_ctrl_c(self, jobs, longer, tmp_path):
+    def test_ctrl_c(self, jobs, longer, endless, tmp_path):
         out = tmp_path / "out"
-        process = started(arguments(longer, out, *SLOWLY, "--jobs", jobs))
-        wait_until(lambda: out.exists() and any(out.glob("*.parquet")))
-        began = time.monotonic()
+        given = arguments(longer, out, *SLOWLY, "--jobs", jobs, recordings=endless)
+        process = killing.start(*given)
+        killing.wait_until(lambda: out.exists() and any(out.glob("*.parquet")))
         # A terminal sends it to all processes of the group.
         os.killpg(process.pid, signal.SIGINT)
-        shown, said = process.communicate(timeout=60)
+        shown, said = process.communicate(timeout=killing.PATIENCE)
         assert process.returncode == console.Status.STOPPED
-        assert time.monotonic() - began < 10
         assert shown == ""
         assert said.splitlines()[-1] == "mocap-fit: stopped"
         assert "Traceback" not in said
-        wait_until(lambda: is_gone(process.pid))
+        killing.wait_until_gone(process)
         assert not list(out.glob(".*"))
 
-    def test_a_process_that_is_killed_from_outside_costs_nothing(
-        self, longer, longer_undisturbed, tmp_path
-    ):
+    def test_a_process_that_is_killed_costs_nothing(self, folder, crash_reader, tmp_path):
         """What it was at is taken up by another."""
-        out, killed = tmp_path / "out", []
-        # Other tests may have left processes that wait for work, such as joblib's.
-        others = set(multiprocessing.active_children())
-
-        def kill_one():
-            wait_until(lambda: out.exists() and any(out.glob("*.parquet")))
-            victim = (set(multiprocessing.active_children()) - others).pop()
-            victim.kill()
-            killed.append(victim.pid)
-
-        killer = threading.Thread(target=kill_one)
-        killer.start()
-        assert fit(longer, out, *SLOWLY, "--jobs", 2) == 0
-        killer.join()
-        assert len(killed) == 1
-        assert sums(out) == longer_undisturbed
+        mortal, flag = tmp_path / "mortal.crash", tmp_path / "flag"
+        mortal.write_text(f"CRASH once {flag} {folder.recordings[0]}")
+        given = [*folder.recordings[:2], mortal, *folder.recordings[2:]]
+        assert fit(folder, tmp_path / "two", "--jobs", 2, recordings=given) == 0
+        assert flag.exists()
+        assert fit(folder, tmp_path / "one", recordings=given) == 0
+        assert sums(tmp_path / "two") == sums(tmp_path / "one")
 
 
 class TestCluster:
@@ -353,9 +313,7 @@ class TestCluster:
     @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense://x", "tcp://[::"])
     def test_a_scheduler_that_does_not_answer_is_one_line(self, address, folder, tmp_path, capsys):
         pytest.importorskip("distributed")
-        began = time.monotonic()
         assert fit(folder, tmp_path, "--dask", address) == 1
-        assert time.monotonic() - began < 20
         (line,) = capsys.readouterr().err.splitlines()
         assert line.startswith(f"mocap-fit: error: the dask scheduler at {address} does not")
 

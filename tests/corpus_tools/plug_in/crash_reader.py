@@ -1,8 +1,12 @@
-"""A reader that ends in the way that its file says: ``CRASH how``, or ``CRASH once FLAG FILE``."""
+"""A reader that ends in the way that its file says: ``CRASH how``.
+
+``CRASH once FLAG FILE`` ends it the first time only, and ``CRASH wait FLAG`` when it is killed.
+"""
 
 import os
 import signal
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +39,10 @@ def read(path, *, names=None, rate=None):
         sys.exit(0)
     if how == "exit":
         os._exit(0)
+    if how == "wait":
+        Path(given[0]).touch()
+        while True:
+            time.sleep(0.1)
     if how == "once" and Path(given[0]).exists():
         return read_tracks(given[1]).replace(name=Path(path).stem)
     if how == "once":
