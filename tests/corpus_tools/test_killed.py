@@ -29,3 +29,17 @@ def test_validate(jobs, session, tmp_path):
     (takes / "waiting.crash").unlink()
     assert cli.main([*map(str, given)]) == 0
     assert page.stat().st_size > 1000
+
+
+def test_speak(drawing, tmp_path):
+    pytest.importorskip("espeakng_loader")
+    out = tmp_path / "head.mp4"
+    how = ["--lang", "en", "--model", "rule-based", "--size", 64, "--out", out]
+    process = killing.start("speak", "It never ends. " * 200, *how)
+    killing.wait_until(lambda: process.poll() is not None or any(tmp_path.iterdir()))
+    process.kill()
+    killing.wait_until_gone(process)
+    assert process.returncode < 0
+    assert not out.exists()
+    assert cli.main(["speak", "Now.", *map(str, how)]) == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["head.mp4"]
