@@ -204,9 +204,10 @@ def parse_reading(
         check_choice(unit, ("mm", "cm", "m"), "--unit")
     pairs: dict[str, str] = {}
     for text in rename or ():
+        # Names with = in them can be renamed by a manifest.
         old, _, new = text.partition("=")
         old, new = old.strip(), new.strip()
-        if not old or not new:
+        if not old or not new or "=" in new:
             raise typer.BadParameter(f"'{text}' is not OLD=NEW", param_hint="--rename")
         if old in pairs:
             raise typer.BadParameter(f"'{old}' is renamed twice", param_hint="--rename")

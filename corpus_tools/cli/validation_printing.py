@@ -5,8 +5,11 @@ from __future__ import annotations
 from corpus_tools.cli import console, display
 from corpus_tools.validation.findings import Severity, load_codes
 from corpus_tools.validation.report import Report, group_by_code, to_code_records
+from mocap_fit.errors import shorten
 
 _SHOWN = 5
+# Characters of a finding; the page and the JSON have them all.
+_LONGEST = 600
 _COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.NOTE: "dim"}
 
 
@@ -35,6 +38,7 @@ def print_report(report: Report) -> None:
             line = f"  {finding.location}: {finding.found}"
             if finding.expected:
                 line += f"; expected {finding.expected}"
+            line = shorten(line, _LONGEST)
             screen.print(Text("  " + console.to_printable(line)), soft_wrap=True)
         if len(members) > _SHOWN:
             screen.print(Text(f"  and {len(members) - _SHOWN} more (--json and --html have all)"))

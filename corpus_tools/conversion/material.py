@@ -22,6 +22,8 @@ _USUAL_DRIFT = 300.0
 # Seconds by which a label may reach beyond the recording or the sound.
 _BEYOND = 0.02
 _SHOWN = 3
+# Symbols in one message.
+_SYMBOLS = 30
 
 
 class UnknownPhonesError(DataError):
@@ -102,7 +104,7 @@ def read_labels(
             raise add_path(error, path) from None
         refused = UnknownPhonesError(
             f"{len(unknown)} symbols are not in the phone set '{phone_set.name}': "
-            + "; ".join(map(str, unknown)),
+            + "; ".join(map(str, unknown[:_SYMBOLS])),
             path=path,
         )
         refused.details = unknown

@@ -16,6 +16,7 @@ from mocap_fit.phones import UnknownPhone
 _TIMES = 5
 _LISTED = 5
 _WARNINGS = 10
+_SYMBOLS = 30
 _COUNTS = ("frames", "fitted", "duration", "phones")
 _FIGURES = (*_COUNTS, "residual_mm", "head_residual_mm", "sync", "checks")
 
@@ -184,6 +185,8 @@ def _list_unknown(phones: Sequence[UnknownPhone]) -> str:
         where[phone.symbol] += phone.occurrences
     listed = "; ".join(
         str(UnknownPhone(symbol, counts[symbol], tuple(times[:_TIMES])))
-        for symbol, times in sorted(where.items())
+        for symbol, times in sorted(where.items())[:_SYMBOLS]
     )
+    if len(where) > _SYMBOLS:
+        listed += f"; and {len(where) - _SYMBOLS} more"
     return f"{len(where)} symbols are not in the phone set: {listed}"

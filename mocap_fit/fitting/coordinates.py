@@ -39,6 +39,9 @@ _POSSIBLE_SIZES = (0.2, 5.0)
 _SAME_SIZE = 0.1
 """Part that a recording may be larger or smaller than the reference pose of the speaker."""
 
+_CONSIDERED = 1000
+"""Frames of a recording among which those are chosen."""
+
 _NEAR = 0.5
 """Part of a limit within which nothing has to be looked at more closely."""
 
@@ -94,11 +97,12 @@ def check_reference(
     points, expected = points[both], expected[both]
     fit = None if is_flat(expected) else align_shapes(expected, points)
     if fit is not None:
-        _check_face_size(fit.scale, layout.size_varies)
+        _check_face_size(fit.scale, layout.size_varies, reference.name)
     if fit is None or is_flat(points):
         _warn(
-            "whether left and right are exchanged cannot be tested: the markers of the layout "
-            f"'{layout.name}' in the reference pose are nearly in one plane"
+            f"{reference.name}: whether left and right are exchanged cannot be tested: the markers "
+            f"of the layout '{layout.name}' are nearly in one plane in the reference pose, or it "
+            "says of fewer than four where they are"
         )
         return reference
     if not fit.mirrored:
@@ -154,7 +158,8 @@ def check_recording(
     points = np.array([pose[name] for name in names]).reshape(-1, 3)
     if is_flat(points) or not recording.frames:
         return recording
-    positions = recording.positions[:, recording.indices(names)]
+    some = sample_evenly(recording.positions, _CONSIDERED)
+    positions = some[:, recording.indices(names)]
     counts = (~np.isnan(positions[:, :, 0])).sum(axis=1)
     most = int(counts.max())
     if most >= 4 and _is_alike(points, positions[int(np.argmax(counts))], layout.size_varies):
@@ -209,7 +214,7 @@ def _mirror(
     return tracks.replace(positions=mirrored).add_step("mirror", {"matrix": matrix.tolist()})
 
 
-def _check_face_size(ratio: float, varies: bool) -> None:
+def _check_face_size(ratio: float, varies: bool, name: str) -> None:
     if _FACE_SIZES[0] <= ratio <= _FACE_SIZES[1]:
         return
     unit = guess_unit(ratio)
@@ -223,7 +228,7 @@ def _check_face_size(ratio: float, varies: bool) -> None:
             advice="Give the unit of the file (--unit m; unit='m' in Python).",
         )
     if not varies:
-        _warn(f"the reference pose has an unusual size: {text}, usual are {expected}")
+        _warn(f"{name}: the reference pose has an unusual size: {text}, usual are {expected}")
 
 
 def _compare(fit: Alignment, varies: bool) -> None:

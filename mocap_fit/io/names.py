@@ -13,6 +13,7 @@ from __future__ import annotations
 import difflib
 import re
 import warnings
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -158,25 +159,27 @@ def rename_tracks(
             for old, new in changes.items()
             if old in tracks.names or new not in tracks.names
         }
+    if not changes:
+        return tracks
     missing = [old for old in changes if old not in tracks.names]
     if missing:
         raise DataError(
             f"there is no {tracks.noun} '{missing[0]}' to rename",
             path=path,
-            found=", ".join(tracks.names),
+            found=list(tracks.names),
             advice=suggest_names(missing[0], tracks.names) or "Give a name that is there.",
         )
     if not all(changes.values()):
         raise DataError(f"the new name of a {tracks.noun} is blank", path=path)
     names = tuple(changes.get(name, name) for name in tracks.names)
-    doubled = [name for name in names if names.count(name) > 1]
-    if doubled:
+    name, count = Counter(names).most_common(1)[0]
+    if count > 1:
         raise DataError(
-            f"two {tracks.plural} would be called '{doubled[0]}'",
+            f"two {tracks.plural} would be called '{name}'",
             path=path,
             advice=f"Rename the {tracks.noun} that has the name now as well.",
         )
-    return tracks.replace(names=names).add_step("rename", {"names": changes}) if changes else tracks
+    return tracks.replace(names=names).add_step("rename", {"names": changes})
 
 
 def find_doubled(tracks: Tracks) -> dict[str, str]:
@@ -287,7 +290,7 @@ def _find_subject(
         "the file has no such subject",
         path=path,
         line=line,
-        found=", ".join(subjects),
+        found=list(subjects),
         expected=f"'{subject}'",
         advice=suggest_names(subject, list(subjects)) or "Give one of the file's subjects.",
     )
@@ -355,6 +358,7 @@ def _check_names(
             **details,
         )
     chosen = tuple(str(name).strip() for name in names)
+    positions: dict[str, int] = {}
     for position, name in enumerate(chosen):
         if not name:
             raise FileFormatError(
@@ -362,10 +366,10 @@ def _check_names(
                 advice="Give a name for each.",
                 **details,
             )
-        if name in chosen[:position]:
+        if positions.setdefault(name, position) < position:
             raise FileFormatError(
                 f"two of the given {noun} names are the same",
-                found=f"'{name}' as {noun} {chosen.index(name) + 1} and {position + 1}",
+                found=f"'{name}' as {noun} {positions[name] + 1} and {position + 1}",
                 expected="unique names",
                 **details,
             )

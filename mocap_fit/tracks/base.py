@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mocap_fit.errors import DataError
+from mocap_fit.errors import DataError, shorten
 from mocap_fit.tracks.arrays import FloatArray, TrackArray
 from mocap_fit.tracks.interpolation import interpolate
 from mocap_fit.tracks.provenance import Event, Provenance, Step
@@ -192,10 +192,10 @@ class Tracks:
         missing = [name for name in wanted if name not in position]
         if missing:
             raise DataError(
-                f"there is no {self.noun} '{missing[0]}'"
+                f"there is no {self.noun} '{shorten(missing[0])}'"
                 if len(missing) == 1
-                else f"there are no {self.plural} {', '.join(missing)}",
-                expected=f"some of {', '.join(self.names)}",
+                else f"there are no {self.plural} {shorten(missing)}",
+                expected=f"some of {shorten(list(self.names))}",
             )
         return np.array([position[name] for name in wanted], dtype=np.intp)
 
