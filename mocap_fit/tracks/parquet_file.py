@@ -176,7 +176,7 @@ def _read_columns(stream: BinaryIO, path: str | os.PathLike[str]) -> pa.Table:
             lengths = pc.binary_length(values.dictionary)
             size += pc.sum(pc.take(lengths, values.indices)).as_py() or 0
     check_size(size, path=path, noun="table")
-    return table
+    return table.cast(about.schema.to_arrow_schema().with_metadata(table.schema.metadata))
 
 
 def _parse_description(
