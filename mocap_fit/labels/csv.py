@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import io
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -38,6 +39,8 @@ extensions = (".csv",)
 
 _STARTS = ("start", "begin", "onset", "start_time", "tmin", "xmin")
 _ENDS = ("end", "offset", "stop", "end_time", "tmax", "xmax")
+# "start (s)", "end_s"; with any other unit it is no column of times.
+_UNIT = re.compile(r"(?:[ _]?[(\[](?:s|sec|seconds)[)\]]|[ _](?:s|sec|seconds))$")
 _TEXTS = ("label", "text")
 # A column "type" may say anything of a phone; it names tiers where one of them is known.
 _TIERS = ("tier", "type")
@@ -45,7 +48,7 @@ _DELIMITERS = (",", ";", "\t")
 
 
 def _find_time_columns(names: Sequence[str]) -> tuple[int, int] | None:
-    plain = [name.strip().casefold() for name in names]
+    plain = [_UNIT.sub("", name.strip().casefold()).replace(" ", "_") for name in names]
     starts = [column for column, name in enumerate(plain) if name in _STARTS]
     ends = [column for column, name in enumerate(plain) if name in _ENDS]
     return (starts[0], ends[0]) if starts and ends else None

@@ -22,6 +22,9 @@ from mocap_fit.labels import (
 )
 from mocap_fit.labels.text import format_number
 
+# Times that hypothesis draws are short.
+pytestmark = pytest.mark.filterwarnings("ignore:.*in HTK's units")
+
 times = st.floats(0, 1e4, allow_nan=False)
 any_text = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\r\0"), max_size=8)
 line_text = any_text.filter(lambda t: "\n" not in t).map(str.strip)
@@ -246,6 +249,8 @@ def test_praatio_reads_what_we_write(tmp_path):
         ("A.PHN", "0 3050 h#\n", "timit"),
         ("a.csv", "start,end,phone\n0,1,a\n", "csv"),
         ("a.txt", "Begin;End;Segment\n0,5;1,25;a\n", "csv"),
+        ("a.csv", "Start Time (s),End [sec],phone\n0,1,a\n", "csv"),
+        ("a.csv", "start_s,end_s,phone\n0,1,a\n", "csv"),
         ("a.lab", SHORT, "textgrid"),
     ],
 )
@@ -323,6 +328,7 @@ def test_a_wrd_beside_a_phn_is_read_with_it(tmp_path):
         ("a.phn", f"0 {'9' * 400} a\n", "line 1.*not a label of TIMIT"),
         ("a.rec", f"0 {'9' * 5000} a\n", "line 1.*not a label of HTK"),
         ("a.csv", "0,1,a\n", "columns of the table are not named"),
+        ("a.csv", "start_ms,end_ms,phone\n0,1,a\n", "columns of the table are not named"),
         ("a.csv", "start,end,phone\n0,1\n", "line 2.*number of columns"),
         ("a.csv", "start,end,phone\n0,x,a\n", "line 2.*not a time"),
         ("a.csv", "start,end,phone\n0,nan,a\n", "line 2.*not a time"),
