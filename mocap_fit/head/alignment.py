@@ -198,7 +198,7 @@ def is_flat(points: FloatArray) -> bool:
         Whether their depth is under a tenth of their width, or fewer than four are there.
     """
     lengths = compute_spread(points)
-    return bool((~np.isnan(points[:, 0])).sum() < 4 or not lengths[2] >= _FLAT * lengths[1])
+    return bool((~np.isnan(points[:, 0])).sum() < 4 or not lengths[2] > _FLAT * lengths[1])
 
 
 def compute_angle(matrix: FloatArray) -> float:

@@ -7,7 +7,7 @@ import pytest
 from control_cases import spoken
 
 from mocap_fit import control
-from mocap_fit.control.rule_based import RuleBased
+from mocap_fit.control.rule_based import RuleBased, _HeldTarget, _to_line
 from mocap_fit.control.rule_table import list_rule_languages, load_rules
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.face import load_face
@@ -296,3 +296,42 @@ def test_vowels_without_stress_move_less_by_the_share_of_the_table(tmp_path):
         model = RuleBased(rules=str(file), stress=stress).prepare("sv-sta", ("x",))
         phones = PhoneSequence((PhoneSegment(0.0, 0.4, "A", level),), phone_set="sv-sta", name="u")
         assert model.predict_at(phones, np.array([0.2]))[0, 0] == pytest.approx(wanted)
+
+
+def held(start, end, value, reach, centre=None):
+    return _HeldTarget(start, end, 0.5 * (start + end) if centre is None else centre, value, reach)
+
+
+@pytest.mark.parametrize(
+    ("targets", "knots", "values"),
+    [
+        # What does not overlap stays; what touches changes in an instant.
+        ([held(0, 1, 5, False), held(2, 3, 6, True)], [0, 1, 2, 3], [5, 5, 6, 6]),
+        ([held(0, 1, 5, False), held(1, 3, 6, False)], [0, 1, 1, 3], [5, 5, 6, 6]),
+        # One that is to be reached cuts what another one holds,
+        ([held(0, 2, 5, False), held(1.5, 3.5, 6, True)], [0, 1.5, 1.5, 3.5], [5, 5, 6, 6]),
+        ([held(0, 2, 5, True), held(1.5, 3.5, 6, False)], [0, 2, 2, 3.5], [5, 5, 6, 6]),
+        # and takes its place where it covers its centre.
+        ([held(0, 2, 5, False), held(1, 3, 6, True)], [1, 3], [6, 6]),
+        ([held(0, 2, 5, False), held(1.01, 3, 6, True)], [0, 1.01, 1.01, 3], [5, 5, 6, 6]),
+        ([held(0, 2.5, 5, True), held(1.5, 3.5, 6, False)], [0, 2.5], [5, 5]),
+        ([held(0, 2.4, 5, True), held(1.5, 3.5, 6, False)], [0, 2.4, 2.4, 3.5], [5, 5, 6, 6]),
+        # Two of a kind share the time that both want,
+        ([held(0, 2.4, 5, True, 1), held(1.6, 4, 6, True, 3)], [0, 2, 2, 4], [5, 5, 6, 6]),
+        ([held(0, 2.4, 5, False, 1), held(1.6, 4, 6, False, 3)], [0, 2, 2, 4], [5, 5, 6, 6]),
+        # but not beyond their centres.
+        ([held(0, 10, 5, True, 1), held(0.5, 4, 6, True, 2)], [0, 2, 2, 4], [5, 5, 6, 6]),
+        ([held(0, 4, 5, True, 3), held(0.5, 9, 6, True, 5)], [0, 3, 3, 9], [5, 5, 6, 6]),
+        # One may cover several.
+        (
+            [held(0, 1, 4, False), held(1, 2, 5, False), held(0.6, 5, 6, True)],
+            [0, 0.6, 0.6, 5],
+            [4, 4, 6, 6],
+        ),
+    ],
+)
+def test_targets_that_overlap_share_their_time(targets, knots, values):
+    found, heights = _to_line(targets)
+    np.testing.assert_allclose(found, knots, atol=2e-9)
+    np.testing.assert_array_equal(heights, values)
+    assert (np.diff(found) > 0).all()

@@ -93,6 +93,7 @@ def test_fewer_than_four_points_are_flat():
     assert not is_flat(solid)
     assert is_flat(solid[:3])
     assert is_flat(np.full((5, 3), np.nan))
+    assert is_flat(np.ones((5, 3)))
 
 
 @pytest.mark.parametrize(

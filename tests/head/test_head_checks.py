@@ -12,7 +12,7 @@ from mocap_fit.head import (
     remove_head_motion,
     restore_head_motion,
 )
-from mocap_fit.head.reference import check_sizes
+from mocap_fit.head.reference import check_reference_markers, check_sizes
 from mocap_fit.tracks import MarkerTracks, Origin
 
 NAMES = ("left", "right", "top", "front", "chin")
@@ -218,3 +218,14 @@ def test_three_markers_that_both_have_are_enough():
     with pytest.raises(DataError, match="share too few markers") as caught:
         estimate_head_motion(take(), take(names=("left", "right", "crown", "brow", "jaw")))
     assert caught.value.found == "left, right"
+
+
+def test_no_frame_shows_no_marker():
+    with pytest.raises(DataError, match="no frame shows three reference markers") as caught:
+        check_reference_markers(NAMES[:3], SHAPE[:3], np.zeros((0, 3, 3)))
+    assert caught.value.found == "at most 0"
+    two = np.full((4, 3, 3), np.nan)
+    two[:, :2] = SHAPE[:2]
+    with pytest.raises(DataError, match="no frame shows three reference markers") as caught:
+        check_reference_markers(NAMES[:3], SHAPE[:3], two)
+    assert caught.value.found == "at most 2"
