@@ -27,6 +27,12 @@ _Model = Annotated[
 _Language = Annotated[
     str, Option("--lang", help="sv, cs, en, or any voice of espeak-ng, such as de.")
 ]
+_Articulation = Annotated[
+    float,
+    Option(
+        min=0.0, max=3.0, help="Factor of the movements: 1.3 is clear speech. Lips close anyway."
+    ),
+]
 
 
 def _speak(
@@ -48,6 +54,7 @@ def _speak(
             help="Let models of another phone set say the nearest sounds that they know.",
         ),
     ] = False,
+    articulation: _Articulation = 1.0,
     phone_set: Annotated[
         str | None, Option(help="What the labels are written in: a name or a file.")
     ] = None,
@@ -150,6 +157,7 @@ def _speak(
             models=model or (),
             look=look,
             nearest=nearest,
+            articulation=articulation,
             keep=keep,
             jobs=jobs,
             progress=progress,
@@ -163,6 +171,7 @@ def _stream(
     rate: Annotated[
         float | None, Option(min=1, max=1000, help="Frames per second; by default the model's.")
     ] = None,
+    articulation: _Articulation = 1.0,
 ) -> None:
     """Read phones from stdin, write frames to stdout as soon as they are certain.
 
@@ -174,7 +183,15 @@ def _stream(
     with display.show_progress() as progress:
         # Not a loop over the file, which could read ahead.
         lines = iter(sys.stdin.readline, "")
-        for frame in run(model, lines, language=language, rate=rate, progress=progress):
+        frames = run(
+            model,
+            lines,
+            language=language,
+            rate=rate,
+            articulation=articulation,
+            progress=progress,
+        )
+        for frame in frames:
             # Whoever animates waits for it.
             print(json.dumps(frame), flush=True)
 

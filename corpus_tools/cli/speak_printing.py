@@ -7,6 +7,7 @@ from corpus_tools.talking.export import ExportReport
 from corpus_tools.talking.prepare_voices import VoicesReport
 from corpus_tools.talking.speak import SpeakReport
 from corpus_tools.talking.speak_models import describe_model
+from mocap_fit.evaluation.closure import CLOSED
 
 
 def print_speech(report: SpeakReport) -> None:
@@ -20,6 +21,18 @@ def print_speech(report: SpeakReport) -> None:
     lines = [head.get("about") or f"measured tracks of {head['tracks']}" for head in report.heads]
     if report.phones:
         lines.append("Phones: " + " ".join(report.phones))
+    for head, lips in report.lips.items():
+        scores = lips.score(CLOSED)
+        shares = [
+            f"lips {verb} on {share.hits} of {share.count} {phones}"
+            for share, verb, phones in (
+                (scores.closed, "close", "p, b, m"),
+                (scores.contact, "touch the teeth", "f, v"),
+            )
+            if share.count
+        ]
+        if shares:
+            lines.append(f"{head}: {', '.join(shares)}")
     sound = "with sound" if report.sound else "silent"
     lines.append(
         f"{report.frames} frames, {report.duration:.2f} s at {report.rate:g} frames/s, "
@@ -46,8 +59,8 @@ def print_voices(report: VoicesReport) -> None:
             result = report.evaluations[voice.language]
             lines.append(
                 f"{voice.language}: {voice.name}: error {voice.scores['rmse_percent']:.1f} % of "
-                f"the range, lips close on {100 * voice.scores['bilabials_closed']:.1f} % of "
-                f"{result.bilabials} p, b, m in {result.utterances} test sentences"
+                f"the range, lips close on {100 * voice.scores['bilabials_closed']:.1f} % of the "
+                f"p, b, m in {result.utterances} test sentences"
             )
     display.print_lines(*lines, f"Kept in {report.folder}")
 

@@ -149,7 +149,10 @@ def prepare_voices(
             evaluations[language] = result
             averages = result.compute_averages("rmse")[0][:, 0]
             scores = {
-                name: {"rmse_percent": float(average), "bilabials_closed": result.closed[name]}
+                name: {
+                    "rmse_percent": float(average),
+                    "bilabials_closed": result.lips[name].closed.value,
+                }
                 for name, average in zip(result.models, averages, strict=True)
             }
         for name, model in models.items():

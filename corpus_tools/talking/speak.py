@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from corpus_tools.talking import speak_models
+from corpus_tools.talking.lips import list_events, measure_lips
 from corpus_tools.tasks import TaskProgress, count_steps
 from mocap_fit.atomic_file import make_folder
 from mocap_fit.control import ControlModel
@@ -21,6 +23,7 @@ from mocap_fit.sound import Sound, read_sound
 from mocap_fit.tracks import MarkerTracks, ParameterTracks
 
 if TYPE_CHECKING:
+    from mocap_fit.evaluation import LipGaps
     from mocap_fit.render.scene import View
 
 DEFAULT_MODEL = "cohen-massaro"
@@ -135,6 +138,9 @@ class SpeakReport:
         What is said; empty where it is not known.
     heads
         One record per head: ``head`` and where its motion comes from.
+    lips
+        What the lips of each head do in the pictures, by label; empty where the phones are not
+        known, or the face has no lip line. A bilabial whose gap is at most 0.5 mm is closed.
     """
 
     file: Path
@@ -145,6 +151,7 @@ class SpeakReport:
     sound: bool
     phones: tuple[str, ...]
     heads: tuple[dict[str, Any], ...]
+    lips: Mapping[str, LipGaps] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as JSON can hold it.
@@ -152,9 +159,10 @@ class SpeakReport:
         Returns
         -------
         dict[str, Any]
-            The fields.
+            The fields; the lips as lists of phones with times, ``gap`` in millimetres, and whether
+            they are closed, or touch the teeth.
         """
-        return dict(vars(self))
+        return {**vars(self), "lips": {name: list_events(each) for name, each in self.lips.items()}}
 
     def __repr__(self) -> str:
         return f"SpeakReport({self.frames} frames, {self.duration:.2f} s, file={self.file})"
@@ -178,6 +186,7 @@ def speak(
     models: Sequence[str] = (),
     look: Look | None = None,
     nearest: bool = False,
+    articulation: float = 1.0,
     keep: str | os.PathLike[str] | None = None,
     jobs: int = 1,
     progress: TaskProgress | None = None,
@@ -197,6 +206,8 @@ def speak(
         What the movie looks like.
     nearest
         Whether models speak phones of another set by the nearest sounds that they know.
+    articulation
+        Factor of the movements about rest, no unit: 1.3 is clear speech. Lips close anyway.
     keep
         A folder for what was synthesised: tracks, labels, sound.
     jobs
@@ -224,13 +235,17 @@ def speak(
         find_ffmpeg()
     rig = load_face(look.face)
     wanted = Source(source) if isinstance(source, str) else source
-    speech = _collect(wanted, list(models), rig, nearest, progress)
+    speech, chosen = _collect(wanted, list(models), rig, progress)
+    start, end = _find_extent(speech, with_phones=bool(chosen))
+    frames = max(math.ceil((end - start) * look.rate - 1e-6), 1)
+    # Models are predicted for the middle of the time that a picture is seen.
+    first = start + 0.5 / look.rate
+    how = {"nearest": nearest, "face": rig, "articulation": articulation}
+    _predict(speech, chosen, look.rate, {**how, "start_time": first, "frames": frames})
     markers = None if look.markers is None else _read_markers(look, speech.heads.get(MEASURED))
     if keep is not None:
         _save(speech, Path(keep))
     heads = speech.heads if len(speech.heads) > 1 else next(iter(speech.heads.values()))
-    longest = max(head.start_time + head.duration for head in speech.heads.values())
-    frames = round(max(longest, speech.sound.duration if speech.sound else 0.0) * look.rate)
     pictures = frames * len(speech.heads) * len(look.views)
     make_folder(file.parent)
     movie = render_movie(
@@ -249,8 +264,9 @@ def speak(
         blinks=look.blinks,
         head_motion=look.head_motion,
         seed=look.seed,
+        extent=(start, end),
         jobs=jobs or min(count_cores(), 1 + pictures // _FRAMES_PER_PROCESS),
-        progress=count_steps(progress, "drawing frames", max(frames, 1)),
+        progress=count_steps(progress, "drawing frames", frames),
     )
     return SpeakReport(
         movie.path,
@@ -261,12 +277,14 @@ def speak(
         movie.with_sound,
         () if speech.phones is None else tuple(speech.phones.phones),
         tuple(speech.about),
+        measure_lips(speech.heads, speech.phones, rig, first, movie.frames, movie.rate),
     )
 
 
 def _collect(
-    source: Source, models: list[str], rig: Rig, nearest: bool, progress: TaskProgress | None
-) -> _Speech:
+    source: Source, models: list[str], rig: Rig, progress: TaskProgress | None
+) -> tuple[_Speech, list[ControlModel]]:
+    """Return what there is to hear and to move, and the models that are to move it."""
     speech = _Speech()
     if source.tracks is not None:
         speech.heads[MEASURED] = read_parameters(source.tracks)
@@ -278,7 +296,7 @@ def _collect(
             raise ConfigurationError(
                 "a model needs to know what is said", advice="Give the labels too (--labels)."
             )
-        return speech
+        return speech, []
     if not models and source.tracks is None:
         models = [choose_default(source.language)]
     names, phone_set = rig.parameter_names, _choose_phone_set(source)
@@ -290,8 +308,19 @@ def _collect(
         speech.phones, speech.sound = _speak_text(source, chosen)
     else:
         speech.phones = _read_labels(source, chosen)
-    _predict(speech, chosen, nearest)
-    return speech
+    return speech, chosen
+
+
+def _find_extent(speech: _Speech, *, with_phones: bool) -> tuple[float, float]:
+    """Return start and end of all that is heard and moves, seconds."""
+    starts = [head.start_time for head in speech.heads.values()]
+    ends = [head.start_time + head.duration for head in speech.heads.values()]
+    if with_phones and speech.phones:
+        starts.append(speech.phones[0].start)
+        ends.append(speech.phones[-1].end)
+    if speech.sound is None:
+        return min(starts), max(ends)
+    return 0.0, max(*ends, speech.sound.duration)
 
 
 def choose_default(language: str) -> str:
@@ -350,10 +379,12 @@ def _read_labels(source: Source, models: Sequence[ControlModel]) -> PhoneSequenc
     return phones.replace(phone_set=chosen.name)
 
 
-def _predict(speech: _Speech, models: Sequence[ControlModel], nearest: bool) -> None:
-    from mocap_fit.synthesis import to_model_phones
+def _predict(
+    speech: _Speech, models: Sequence[ControlModel], rate: float, how: dict[str, Any]
+) -> None:
+    """Add a head for every model."""
+    from mocap_fit.synthesis import synthesise
 
-    assert speech.phones is not None
     titles = [model.title for model in models]
     for model in models:
         # Two of a kind are distinguished by what they were trained on.
@@ -362,8 +393,8 @@ def _predict(speech: _Speech, models: Sequence[ControlModel], nearest: bool) -> 
             label += f" ({model.trained_on_.get('corpus') or model.phone_set_.name})"
         while label in speech.heads:
             label += " again"
-        phones = to_model_phones(speech.phones, model, nearest=nearest)
-        speech.heads[label] = model.predict(phones)
+        assert speech.phones is not None
+        speech.heads[label] = synthesise(speech.phones, model, rate, **how)
         about = {"about": speak_models.describe_model(model), "trained_on": model.trained_on_}
         speech.about.append({"head": label, "model": model.name, **about})
 

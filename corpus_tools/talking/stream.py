@@ -9,6 +9,7 @@ from corpus_tools.talking import speak_models
 from corpus_tools.tasks import TaskProgress
 from mocap_fit.control import ControlModel
 from mocap_fit.errors import FileFormatError, MocapFitError
+from mocap_fit.face.rig import Rig
 from mocap_fit.parsing import parse_json
 from mocap_fit.phones import PhoneSegment
 
@@ -21,6 +22,7 @@ def stream(
     *,
     language: str = "en",
     rate: float | None = None,
+    articulation: float = 1.0,
     progress: TaskProgress | None = None,
 ) -> Iterator[dict[str, float]]:
     """Read phones line by line and yield frames as soon as they are certain.
@@ -35,6 +37,8 @@ def stream(
         Language of a kind of model: sv, cs, en, or any voice of espeak-ng.
     rate
         Frames per second, hertz; None for the model's rate.
+    articulation
+        Factor of the movements about rest, no unit. Lips close on bilabials whatever it is.
     progress
         Called with a description of the model, and while a model is trained.
 
@@ -54,7 +58,8 @@ def stream(
 
     voice = LANGUAGES.get(language)
     phone_set = load_phone_set("ipa" if voice is None else voice.phone_set)
-    names = load_face().parameter_names
+    face = load_face()
+    names = face.parameter_names
     chosen = speak_models.find_model(model, language, phone_set, names, progress=progress)
     if progress is not None:
         description = speak_models.describe_model(chosen)
@@ -62,7 +67,7 @@ def stream(
     reader = _Reader(lines)
     while not reader.ended:
         try:
-            yield from _predict(reader, chosen, rate)
+            yield from _predict(reader, chosen, rate, face, articulation)
         except MocapFitError as error:
             if error.line is not None:
                 raise
@@ -77,11 +82,12 @@ def stream(
 
 
 def _predict(
-    reader: _Reader, model: ControlModel, rate: float | None
+    reader: _Reader, model: ControlModel, rate: float | None, face: Rig, articulation: float
 ) -> Iterator[dict[str, float]]:
     from mocap_fit.synthesis import stream_frames
 
-    for frame in stream_frames(reader.read_utterance(), model, rate):
+    phones = reader.read_utterance()
+    for frame in stream_frames(phones, model, rate, face=face, articulation=articulation):
         values = dict(zip(model.parameter_names_, frame.values.tolist(), strict=True))
         rounded = {name: round(value, 6) for name, value in values.items()}
         yield {"time": round(frame.time, 6), **rounded}

@@ -19,8 +19,9 @@ from mocap_fit.corpus import Corpus, Utterance, open_corpus
 from mocap_fit.drawing import save_figure
 from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.evaluation import GROUPS, Evaluation, LandmarkScores, figures
+from mocap_fit.evaluation.closure import CONTACT
 from mocap_fit.evaluation.landmarks import MEASURES
-from mocap_fit.evaluation.tables import format_percent
+from mocap_fit.evaluation.tables import LIP_COLUMNS, format_lips
 
 LANDMARKS_EXPLAINED = (
     "Correlation of the predicted face with the markers themselves, over the frames that are not "
@@ -306,12 +307,19 @@ def format_sections(result: Evaluation, out: Path, pictures: Sequence[str]) -> l
         ),
         html_page.format_table(*result.to_rows()),
     ]
-    if result.closed:
+    if result.lips:
+        lips = result.lips["target"]
+        cells = zip(LIP_COLUMNS, format_lips(lips), strict=True)
+        target = ", ".join(" ".join(cell) for cell in cells)
         parts.append(
             html_page.format_paragraph(
-                f"Lips closed: the part of the {result.bilabials} bilabials whose inner lip gap "
-                "falls under 10 % of that of open vowels. "
-                f"Measured tracks: {format_percent(result.closed['target'])}."
+                f"Lips closed: the part of the {lips.closed.count} bilabials whose largest gap, "
+                "along the lips from corner to corner, falls to 10 % of that of open vowels. "
+                f"Lip at teeth: the part of the {lips.contact.count} labiodentals whose lower lip "
+                f"comes within {CONTACT:g} mm of the upper teeth. Vowels open: the part of the "
+                f"{lips.opened.count} open vowels that do not touch. Fastest: the largest speed of "
+                f"the gap. In brackets Wilson's 95 % interval. In the measured "
+                f"tracks: {target}."
             )
         )
     if len(result.models) > 1:

@@ -1,6 +1,8 @@
 """Evaluation of control models: error measures, tables, figures."""
 
+from mocap_fit.evaluation.closure import LipEvent as LipEvent
 from mocap_fit.evaluation.closure import LipGaps as LipGaps
+from mocap_fit.evaluation.closure import LipScores as LipScores
 from mocap_fit.evaluation.closure import measure_gaps as measure_gaps
 from mocap_fit.evaluation.evaluation import Difference as Difference
 from mocap_fit.evaluation.evaluation import Evaluation as Evaluation

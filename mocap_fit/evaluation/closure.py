@@ -1,40 +1,148 @@
-"""Lip closure on bilabials, which root mean squares do not show (Beskow section 5).
+"""Lips that meet where they should, which root mean squares do not show (Beskow section 5).
 
-A bilabial stop or nasal (`bilabial_stop` of `mocap_fit.phones.QUESTION_CLASSES`) is closed when
-the least inner gap of the lips within its segment is under 10 % of the gap on open vowels: the
-median, over the vowels whose feature ``open`` is 0.7 or more, of the largest gap within the
-segment, on the target tracks. One threshold serves the target and every model.
+The gap is the largest opening along the whole lip line, from corner to corner. A bilabial stop or
+nasal (`bilabial_stop` of `mocap_fit.phones.QUESTION_CLASSES`) is closed when the least gap within
+its segment is at most a limit: `CLOSED` on a synthetic face; on measured speech `CLOSED_PART` of
+the gap on open vowels, which is the median, over the vowels whose feature ``open`` is 0.7 or more,
+of the largest gap within the segment, on the target tracks. One limit serves the target and every
+model. An open vowel whose largest gap stays below the same limit touches, which is the opposite
+fault. On a labiodental the lower lip comes within `CONTACT` of the edge of the upper teeth.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from mocap_fit.face import Rig, compute_lip_gap
+from mocap_fit.face import Rig
+from mocap_fit.face.lips import compute_lip_openings, compute_teeth_distance
 from mocap_fit.phones import PhoneSequence, PhoneSet
 from mocap_fit.tracks import FloatArray
 
 OPEN_VOWEL = 0.7
+CLOSED = 0.5
+"""Millimetres: lips of a synthetic face that are closed."""
 CLOSED_PART = 0.1
+CONTACT = 2.0
+"""Millimetres from the lower lip to the teeth's edge; vertices of both rarely meet."""
 
 
-@dataclass(frozen=True, eq=False)
-class LipGaps:
-    """Lip gaps of bilabials and of open vowels.
+@dataclass(frozen=True)
+class LipEvent:
+    """What the lips do on one phone.
 
     Parameters
     ----------
-    bilabials
-        The least gap within each bilabial, ``(bilabials,)``, millimetres.
-    open_vowels
-        The largest gap within each open vowel, ``(vowels,)``, millimetres.
+    phone
+        The phone.
+    start, end
+        Its segment, seconds.
+    gap
+        Of a bilabial the least gap, of an open vowel the largest, of a labiodental the least
+        distance of the lower lip from the upper teeth; millimetres.
     """
 
-    bilabials: FloatArray
-    open_vowels: FloatArray
+    phone: str
+    start: float
+    end: float
+    gap: float
+
+
+@dataclass(frozen=True)
+class Share:
+    """How many of several are as they should be.
+
+    Parameters
+    ----------
+    hits, count
+        Number of those, and of all.
+    """
+
+    hits: int
+    count: int
+
+    @property
+    def value(self) -> float:
+        """The share, 0 to 1; NaN of none."""
+        return self.hits / self.count if self.count else float("nan")
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Wilson's 95 % interval of the share, 0 to 1; NaN of none."""
+        if not self.count:
+            return float("nan"), float("nan")
+        from scipy.stats import binomtest
+
+        low, high = binomtest(self.hits, self.count).proportion_ci(method="wilson")
+        return float(low), float(high)
+
+
+@dataclass(frozen=True)
+class LipScores:
+    """Whether lips meet where they should, and only there.
+
+    Parameters
+    ----------
+    closed
+        Of the bilabials.
+    contact
+        Of the labiodentals: those whose lower lip comes to the teeth.
+    opened
+        Of the open vowels: those that do not touch.
+    speed
+        The largest speed of the gap, millimetres a second; NaN where it is not known.
+    """
+
+    closed: Share
+    contact: Share
+    opened: Share
+    speed: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Convert the scores to values that JSON can hold.
+
+        Returns
+        -------
+        dict
+            ``bilabials_closed``, ``labiodentals_touch`` and ``open_vowels_open`` with ``count``,
+            ``value``, ``low`` and ``high`` (0 to 1), and ``largest_speed``, millimetres a second.
+        """
+        shares = {
+            "bilabials_closed": self.closed,
+            "labiodentals_touch": self.contact,
+            "open_vowels_open": self.opened,
+        }
+        rows = {
+            name: {
+                "count": share.count,
+                "value": share.value,
+                "low": share.interval[0],
+                "high": share.interval[1],
+            }
+            for name, share in shares.items()
+        }
+        return {**rows, "largest_speed": self.speed}
+
+
+@dataclass(frozen=True)
+class LipGaps:
+    """What the lips do on the phones that show on them.
+
+    Parameters
+    ----------
+    bilabials, labiodentals, open_vowels
+        In the order of time. There are no labiodentals where the face has no teeth.
+    speed
+        The largest speed of the gap, millimetres a second.
+    """
+
+    bilabials: tuple[LipEvent, ...] = ()
+    labiodentals: tuple[LipEvent, ...] = ()
+    open_vowels: tuple[LipEvent, ...] = ()
+    speed: float = float("nan")
 
     def compute_open_gap(self) -> float:
         """Compute the median gap on open vowels.
@@ -44,30 +152,34 @@ class LipGaps:
         float
             Millimetres; NaN without any.
         """
-        return float(np.median(self.open_vowels)) if self.open_vowels.size else float("nan")
+        gaps = [event.gap for event in self.open_vowels]
+        return float(np.median(gaps)) if gaps else float("nan")
 
-    def compute_closed_share(self, open_gap: float) -> float:
-        """Compute the part of the bilabials that are closed.
+    def score(self, limit: float) -> LipScores:
+        """Count the phones on which the lips do as they should.
 
         Parameters
         ----------
-        open_gap
-            The gap on open vowels, millimetres.
+        limit
+            The gap of lips that are closed, millimetres; NaN where it is not known.
 
         Returns
         -------
-        float
-            0 to 1; NaN without bilabials or open gap.
+        LipScores
+            The counts; bilabials and open vowels count only where the limit is known.
         """
-        if not self.bilabials.size or not np.isfinite(open_gap):
-            return float("nan")
-        return float(np.mean(self.bilabials < CLOSED_PART * open_gap))
+        known = bool(np.isfinite(limit))
+        closed = [event.gap <= limit for event in self.bilabials if known]
+        opened = [event.gap > limit for event in self.open_vowels if known]
+        contact = [event.gap <= CONTACT for event in self.labiodentals]
+        shares = [Share(sum(hits), len(hits)) for hits in (closed, contact, opened)]
+        return LipScores(shares[0], shares[1], shares[2], self.speed)
 
 
 def measure_gaps(
     rig: Rig, values: FloatArray, times: FloatArray, phones: PhoneSequence, phone_set: PhoneSet
 ) -> LipGaps:
-    """Measure the lip gaps on the bilabials and open vowels of an utterance.
+    """Measure the lips on the bilabials, labiodentals and open vowels of an utterance.
 
     Parameters
     ----------
@@ -76,9 +188,10 @@ def measure_gaps(
     values
         Its parameters, ``(frames, parameters)``, no unit.
     times
-        ``(frames,)``, seconds.
+        ``(frames,)``, seconds, ascending and evenly spaced.
     phones
-        Phones of the utterance. Segments without a frame that has a value do not count.
+        Phones of the utterance. A segment in which there is no frame has the nearest, at most half
+        a frame away. Segments without a frame that has a value do not count.
     phone_set
         Their phone set.
 
@@ -87,24 +200,36 @@ def measure_gaps(
     LipGaps
         In the order of the segments.
     """
-    at = phones.at(times)
-    is_bilabial, is_open = [], []
+    gaps = compute_lip_openings(rig, values).max(axis=1)
+    distances = compute_teeth_distance(rig, values)
+    events: tuple[list[LipEvent], list[LipEvent], list[LipEvent]] = ([], [], [])
+    half = 0.5 * float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     for segment in phones:
         phone = phone_set.get_phone(segment)
-        is_bilabial.append("bilabial_stop" in phone.get_classes())
-        is_open.append(phone.kind == "vowel" and phone.values["open"] >= OPEN_VOWEL)
-    counts = np.array([*np.logical_or(is_bilabial, is_open), False])[at]
-    gaps = np.full(len(times), np.nan)
-    gaps[counts] = compute_lip_gap(rig, values[counts])
-    least: list[float] = []
-    largest: list[float] = []
-    for i in range(len(phones)):
-        inside = gaps[(at == i) & np.isfinite(gaps)]
-        if inside.size and is_bilabial[i]:
-            least.append(float(inside.min()))
-        elif inside.size:
-            largest.append(float(inside.max()))
-    return LipGaps(np.array(least), np.array(largest))
+        classes = phone.get_classes()
+        if "bilabial_stop" in classes:
+            kind, measured, choose = 0, gaps, np.min
+        elif "labiodental" in classes:
+            kind, measured, choose = 1, distances, np.min
+        elif phone.kind == "vowel" and phone.values["open"] >= OPEN_VOWEL:
+            kind, measured, choose = 2, gaps, np.max
+        else:
+            continue
+        first, last = np.searchsorted(times, [segment.start, segment.end])
+        if first == last and len(times):
+            apart = np.maximum(segment.start - times, times - segment.end)
+            first = int(apart.argmin())
+            last = first + int(apart[first] <= half)
+        inside = measured[first:last]
+        inside = inside[np.isfinite(inside)]
+        if inside.size:
+            gap = float(choose(inside))
+            events[kind].append(LipEvent(segment.phone, segment.start, segment.end, gap))
+    speeds = np.abs(np.diff(gaps) / np.diff(times))
+    speeds = speeds[np.isfinite(speeds)]
+    speed = float(speeds.max()) if speeds.size else float("nan")
+    bilabials, labiodentals, vowels = map(tuple, events)
+    return LipGaps(bilabials, labiodentals, vowels, speed)
 
 
 def concatenate_gaps(parts: Sequence[LipGaps]) -> LipGaps:
@@ -118,10 +243,12 @@ def concatenate_gaps(parts: Sequence[LipGaps]) -> LipGaps:
     Returns
     -------
     LipGaps
-        In the same order.
+        In the same order, with the largest speed of all.
     """
-    empty = np.zeros(0)
+    speeds = [part.speed for part in parts if np.isfinite(part.speed)]
     return LipGaps(
-        np.concatenate([empty, *(part.bilabials for part in parts)]),
-        np.concatenate([empty, *(part.open_vowels for part in parts)]),
+        tuple(event for part in parts for event in part.bilabials),
+        tuple(event for part in parts for event in part.labiodentals),
+        tuple(event for part in parts for event in part.open_vowels),
+        max(speeds, default=float("nan")),
     )

@@ -12,7 +12,13 @@ import numpy as np
 from mocap_fit.control import ControlModel
 from mocap_fit.corpus import Corpus
 from mocap_fit.errors import DataError
-from mocap_fit.evaluation.closure import LipGaps, concatenate_gaps, measure_gaps
+from mocap_fit.evaluation.closure import (
+    CLOSED_PART,
+    LipGaps,
+    LipScores,
+    concatenate_gaps,
+    measure_gaps,
+)
 from mocap_fit.evaluation.measures import (
     DEFINITIONS,
     GROUP_LABELS,
@@ -26,7 +32,13 @@ from mocap_fit.evaluation.measures import (
     mark_groups,
     sum_utterance,
 )
-from mocap_fit.evaluation.tables import format_html, format_percent, format_text, format_value
+from mocap_fit.evaluation.tables import (
+    LIP_COLUMNS,
+    format_html,
+    format_lips,
+    format_text,
+    format_value,
+)
 from mocap_fit.face import Rig, load_face
 from mocap_fit.processes import limit_to_one_thread
 from mocap_fit.tracks import FloatArray
@@ -90,11 +102,9 @@ class Evaluation:
         Correlation of the same samples, ``(resamples, models, groups, parameters)``, -1 to 1.
     parameter_counts
         Number of free parameters of each model.
-    closed
-        Part of the bilabials whose lips close, by model, and ``target``, 0 to 1; empty where the
+    lips
+        Whether the lips meet where they should, by model, and of the ``target``; empty where the
         face is not known.
-    bilabials
-        Number of bilabials.
     seed
         Seed of the bootstrap.
     """
@@ -109,8 +119,7 @@ class Evaluation:
     rmse_samples: FloatArray
     correlation_samples: FloatArray
     parameter_counts: tuple[int, ...]
-    closed: dict[str, float]
-    bilabials: int
+    lips: dict[str, LipScores]
     seed: int
 
     def __repr__(self) -> str:
@@ -144,10 +153,10 @@ class Evaluation:
         pairs = [
             (getattr(self, field.name), getattr(other, field.name))
             for field in dataclasses.fields(self)
-            if field.name != "closed"
+            if field.name != "lips"
         ]
-        pairs.append((list(self.closed.values()), list(other.closed.values())))
-        return list(self.closed) == list(other.closed) and all(
+        # As text, in which NaN is equal to NaN.
+        return repr(self.lips) == repr(other.lips) and all(
             np.array_equal(a, b, equal_nan=isinstance(a, (np.ndarray, list))) for a, b in pairs
         )
 
@@ -267,8 +276,8 @@ class Evaluation:
             for g in map(GROUPS.index, groups):
                 row.append(format_value([float(part[i, g]) for part in rmse], 2))
                 row.append(format_value([float(part[i, g]) for part in correlation], 3))
-            rows.append([*row, format_percent(self.closed[name])] if self.closed else row)
-        return [*header, "lips closed"] if self.closed else header, rows
+            rows.append([*row, *format_lips(self.lips[name])] if self.lips else row)
+        return [*header, *LIP_COLUMNS] if self.lips else header, rows
 
     def to_difference_rows(self) -> tuple[list[str], list[list[str]]]:
         """Convert the differences of all pairs of models to the cells of a table.
@@ -331,14 +340,9 @@ class Evaluation:
             "resamples": len(self.rmse_samples),
             "seed": self.seed,
             "models": {
-                name: {
-                    "free_parameters": self.parameter_counts[i],
-                    "bilabials_closed": self.closed.get(name),
-                }
-                for i, name in enumerate(names)
+                name: {"free_parameters": self.parameter_counts[i]} for i, name in enumerate(names)
             },
-            "bilabials": self.bilabials,
-            "bilabials_closed_in_target": self.closed.get("target"),
+            "lips": {name: scores.to_dict() for name, scores in self.lips.items()},
             "scores": self.to_frame().to_dict("records"),
             "differences": [
                 dataclasses.asdict(self.compare(a, b, group)) for group in GROUPS for a, b in pairs
@@ -455,8 +459,8 @@ def evaluate(
         samples = (counts @ sums.reshape(len(corpus), -1)).reshape(resamples, *sums.shape[1:])
     rmse_samples, correlation_samples = compute_scores(samples, ranges)
     joined = {name: concatenate_gaps(parts) for name, parts in gaps.items()}
-    open_gap = joined["target"].compute_open_gap()
-    closed = {name: part.compute_closed_share(open_gap) for name, part in joined.items()}
+    limit = CLOSED_PART * joined["target"].compute_open_gap()
+    lips = {name: part.score(limit) for name, part in joined.items()}
     return Evaluation(
         tuple(models),
         corpus.parameter_names,
@@ -468,7 +472,6 @@ def evaluate(
         rmse_samples,
         correlation_samples,
         tuple(model.parameter_count for model in models.values()),
-        {} if rig is None else closed,
-        int(joined["target"].bilabials.size),
+        {} if rig is None else lips,
         seed,
     )

@@ -5,6 +5,10 @@ from __future__ import annotations
 import html
 from collections.abc import Sequence
 
+from mocap_fit.evaluation.closure import LipScores, Share
+
+LIP_COLUMNS = ("lips closed", "lip at teeth", "vowels open", "fastest, mm/s")
+
 
 def format_value(values: Sequence[float], digits: int) -> str:
     """Format a value with its confidence interval.
@@ -25,20 +29,40 @@ def format_value(values: Sequence[float], digits: int) -> str:
     return f"{value} [{low}, {high}]"
 
 
-def format_percent(part: float | None) -> str:
-    """Format a part as per cent.
+def format_share(share: Share) -> str:
+    """Format a share with its confidence interval.
 
     Parameters
     ----------
-    part
-        0 to 1; None or NaN where unknown.
+    share
+        How many of several.
 
     Returns
     -------
     str
-        Such as ``97.5 %``, or a dash.
+        Such as ``97.5 % [94.0, 99.0]``, or a dash for a share of none.
     """
-    return "–" if part is None or part != part else f"{100 * part:.1f} %"
+    if not share.count:
+        return "–"
+    low, high = share.interval
+    return f"{100 * share.value:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
+
+
+def format_lips(scores: LipScores) -> list[str]:
+    """Format what the lips do.
+
+    Parameters
+    ----------
+    scores
+        Of a model, or of the targets.
+
+    Returns
+    -------
+    list of str
+        A cell for each of `LIP_COLUMNS`.
+    """
+    shares = [format_share(share) for share in (scores.closed, scores.contact, scores.opened)]
+    return [*shares, "–" if scores.speed != scores.speed else f"{scores.speed:.0f}"]
 
 
 def format_text(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

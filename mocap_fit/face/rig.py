@@ -250,9 +250,12 @@ def deform_points(rig: Rig, vertices: IndexArray, values: FloatArray) -> FloatAr
     """
     compiled = rig.compile(vertices)
     points = np.full((len(values), len(vertices), 3), np.nan)
-    for i in np.flatnonzero(np.isfinite(values).all(axis=1)):
-        row = values[i]
-        points[i] = rig.deform(row)[vertices] if compiled is None else evaluate(compiled, row)
+    finite = np.isfinite(values).all(axis=1)
+    if compiled is not None:
+        points[finite] = evaluate(compiled, values[finite])
+    else:
+        for i in np.flatnonzero(finite):
+            points[i] = rig.deform(values[i])[vertices]
     return points
 
 
@@ -264,16 +267,16 @@ def evaluate(compiled: CompiledRig, parameters: FloatArray) -> FloatArray:
     compiled
         The rig, for some vertices.
     parameters
-        Values, ``(parameters,)``: 0 is rest, 1 the full gesture.
+        Values, ``(..., parameters)``, of one frame or of several: 0 is rest, 1 the full gesture.
 
     Returns
     -------
     ndarray
-        Positions, ``(vertices, 3)``, millimetres.
+        Positions, ``(..., vertices, 3)``, millimetres.
     """
-    vertices = compiled.rest.copy()
+    vertices = np.tile(compiled.rest, (*parameters.shape[:-1], 1, 1))
     for operation, kind in enumerate(compiled.kinds):
-        value = parameters[compiled.parameters[operation]]
+        value = parameters[..., compiled.parameters[operation], None, None]
         vector = compiled.vectors[operation]
         centre = compiled.centres[operation]
         weight = compiled.weights[operation, :, None]
@@ -298,25 +301,26 @@ def evaluate_jacobian(
     compiled
         The rig, for some vertices.
     parameters
-        Values, ``(parameters,)``: 0 is rest, 1 the full gesture.
+        Values, ``(..., parameters)``, of one frame or of several: 0 is rest, 1 the full gesture.
 
     Returns
     -------
     vertices
-        Positions, ``(vertices, 3)``, millimetres.
+        Positions, ``(..., vertices, 3)``, millimetres.
     jacobian
-        Derivative by the parameters, ``(vertices, 3, parameters)``, millimetres a full gesture.
+        Derivative by the parameters, ``(..., vertices, 3, parameters)``, millimetres a full
+        gesture.
 
     Notes
     -----
     Derivatives are carried forward through the operations: each moves those that came before as
     it moves the vertex, and adds its derivative.
     """
-    vertices = compiled.rest.copy()
+    vertices = np.tile(compiled.rest, (*parameters.shape[:-1], 1, 1))
     jacobian = np.zeros((compiled.parameter_count, *vertices.shape))
     for operation, kind in enumerate(compiled.kinds):
         index = compiled.parameters[operation]
-        value = parameters[index]
+        value = parameters[..., index, None, None]
         vector = compiled.vectors[operation]
         centre = compiled.centres[operation]
         weight = compiled.weights[operation, :, None]
@@ -335,7 +339,7 @@ def evaluate_jacobian(
             vertices += _turn(vertices - centre, vector, value * weight)
             jacobian += _turn(jacobian, vector, value * weight)
             jacobian[index] += weight * np.cross(vector, vertices - centre)
-    return vertices, np.moveaxis(jacobian, 0, 2)
+    return vertices, np.moveaxis(jacobian, 0, -1)
 
 
 def _turn(points: FloatArray, vector: FloatArray, amounts: FloatArray) -> FloatArray:

@@ -84,6 +84,7 @@ def render_movie(
     blinks: bool = False,
     head_motion: bool = False,
     seed: int = 0,
+    extent: tuple[float, float] | None = None,
     jobs: int = 1,
     progress: Callable[[int, int], object] | None = None,
 ) -> Movie:
@@ -126,6 +127,9 @@ def render_movie(
         Whether head motion is added, drawn at random from the seed.
     seed
         Another seed draws other blinks and head motion.
+    extent
+        Start and end of the movie on the clock of the tracks, seconds; by default all of tracks
+        and sound.
     jobs
         Number of processes that draw. A script that uses more than one must have its work behind
         ``if __name__ == "__main__":``, as always when processes are started.
@@ -172,7 +176,13 @@ def render_movie(
         raise DataError("subtitles need the phones of what is said")
     rig = _load_rig(face)
     speech = read_sound(sound) if isinstance(sound, str | os.PathLike) else sound
-    start, end = _find_extent(heads, speech)
+    start, end = _find_extent(heads, speech) if extent is None else extent
+    if end - start > _MAX_DURATION:
+        raise DataError(
+            "the movie would last longer than an hour",
+            found=f"{end - start:.0f} s",
+            advice="Check the start times, or take a part of the tracks (between).",
+        )
     count = max(math.ceil((end - start) * rate - 1e-6), 1)
     times: FloatArray = start + (np.arange(count, dtype=np.float64) + 0.5) / rate
     views: tuple[View, ...] = (view,) if isinstance(view, str) else tuple(view)
@@ -316,12 +326,6 @@ def _find_extent(heads: Mapping[str, ParameterTracks], sound: Sound | None) -> t
         start, end = min(head.start_time for head in heads.values()), max(ends)
     else:
         start, end = 0.0, max(*ends, sound.duration)
-    if end - start > _MAX_DURATION:
-        raise DataError(
-            "the movie would last longer than an hour",
-            found=f"{end - start:.0f} s",
-            advice="Check the start times, or take a part of the tracks (between).",
-        )
     return start, end
 
 

@@ -5,10 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
 
 from mocap_fit import control
 from mocap_fit.control import ControlModel
 from mocap_fit.errors import DataError
+from mocap_fit.face import load_face
+from mocap_fit.face.rig import Rig
 from mocap_fit.phones import (
     PhoneSegment,
     PhoneSequence,
@@ -18,6 +23,7 @@ from mocap_fit.phones import (
     map_phones,
     normalise_phones,
 )
+from mocap_fit.synthesis.closures import LipCloser, close_lips, find_closures, limit_to_bounds
 from mocap_fit.tracks import FloatArray, ParameterTracks
 
 
@@ -43,6 +49,10 @@ def synthesise(
     rate: float | None = None,
     *,
     nearest: bool = False,
+    face: Rig | str | Path | None = None,
+    articulation: float = 1.0,
+    start_time: float | None = None,
+    frames: int | None = None,
 ) -> ParameterTracks:
     """Compute face parameters of phones with a control model.
 
@@ -58,6 +68,16 @@ def synthesise(
     nearest
         Whether phones of another language, and sounds that the model's set lacks, are replaced by
         the nearest that it has; otherwise they are an error.
+    face
+        A face whose lips then close on every bilabial and open no faster than lips do, whatever
+        the model says (`mocap_fit.synthesis.closures`). By default the movement is the model's,
+        as the papers evaluate it.
+    articulation
+        Factor of the movements about rest, no unit: above 1 is clearer than usual speech.
+    start_time
+        Time of the first frame, seconds; the start of the first phone if None.
+    frames
+        Number of frames; all that begin before the end of the last phone if None.
 
     Returns
     -------
@@ -87,7 +107,18 @@ def synthesise(
     (185, 60.0)
     """
     chosen = model if isinstance(model, ControlModel) else control.load(model)
-    return chosen.predict(to_model_phones(phones, chosen, nearest=nearest), rate)
+    mapped = to_model_phones(phones, chosen, nearest=nearest)
+    tracks = chosen.predict(mapped, rate, start_time=start_time, frames=frames)
+    rig = load_face(face) if isinstance(face, str | Path) else face
+    if rig is None and articulation == 1.0:
+        return tracks
+    values = articulation * tracks.values
+    if rig is not None:
+        values = limit_to_bounds(values, rig, tracks.names)
+        closures = find_closures(mapped, chosen.phone_set_, tracks.rate, tracks.start_time)
+        values = close_lips(values, tracks.times, closures, rig, tracks.names)
+    about = {"articulation": articulation, "lips_closed": rig is not None}
+    return tracks.replace(values=values).add_step("synthesise", about)
 
 
 def to_model_phones(
@@ -131,12 +162,17 @@ def to_model_phones(
 
 
 def stream_frames(
-    segments: Iterable[PhoneSegment], model: ControlModel, rate: float | None = None
+    segments: Iterable[PhoneSegment],
+    model: ControlModel,
+    rate: float | None = None,
+    *,
+    face: Rig | None = None,
+    articulation: float = 1.0,
 ) -> Iterator[Frame]:
     """Yield frames as soon as the phones that they depend on are known.
 
     The frames are those that `synthesise` gives for the same phones: as many phones as the model
-    looks ahead are read before the first.
+    looks ahead are read before the first. Lips close for the phones that are known by then.
 
     Parameters
     ----------
@@ -146,6 +182,10 @@ def stream_frames(
         A trained model.
     rate
         Frame rate, hertz; that of the model's training if None.
+    face
+        A face whose lips then close on every bilabial; by default the movement is the model's.
+    articulation
+        Factor of the movements about rest, no unit.
 
     Yields
     ------
@@ -158,18 +198,28 @@ def stream_frames(
         If a phone is unknown or out of order, or the model is not trained.
     """
     stream = model.stream(rate)
+    closer = None if face is None else LipCloser(face, model.phone_set_, model.parameter_names_)
+    index = 0
 
-    def pull_frames() -> Iterator[FloatArray]:
-        for segment in segments:
-            single = PhoneSequence((segment,), phone_set=model.phone_set_.name)
-            stream.push(normalise_phones(single, model.phone_set_)[0])
-            yield from stream.pull()
-        if stream.start_time is not None:
-            yield from stream.finish()
-
-    for index, values in enumerate(pull_frames()):
+    def to_frames(values: FloatArray) -> Iterator[Frame]:
+        nonlocal index
         assert stream.start_time is not None
-        yield Frame(stream.start_time + index / stream.rate, values)
+        times = stream.start_time + (index + np.arange(len(values))) / stream.rate
+        index += len(values)
+        values = articulation * values
+        if closer is not None:
+            values = closer.close(values, times, stream.rate)
+        yield from map(Frame, times.tolist(), values)
+
+    for segment in segments:
+        single = PhoneSequence((segment,), phone_set=model.phone_set_.name)
+        (phone,) = normalise_phones(single, model.phone_set_)
+        stream.push(phone)
+        if closer is not None:
+            closer.push(phone)
+        yield from to_frames(stream.pull())
+    if stream.start_time is not None:
+        yield from to_frames(stream.finish())
 
 
 def _is_same_language(name: str, phone_set: PhoneSet) -> bool:

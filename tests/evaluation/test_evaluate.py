@@ -12,6 +12,7 @@ from remembered_model import RATE, Remembered, spoken
 from mocap_fit.corpus import Corpus, Utterance
 from mocap_fit.errors import DataError
 from mocap_fit.evaluation import GROUPS, evaluate
+from mocap_fit.evaluation.closure import Share
 from mocap_fit.evaluation.measures import draw_resamples, mark_groups
 from mocap_fit.phones import load_phone_set
 
@@ -44,7 +45,7 @@ def test_a_perfect_model_has_no_error(small_corpus):
     assert np.all(result.rmse == 0)
     assert np.allclose(result.correlation, 1, atol=1e-12)
     assert result.frames == (8 * 40, 8 * 20, 8 * 20)
-    assert result.closed == {}
+    assert result.lips == {}
 
 
 def test_a_known_shift_is_the_error_and_leaves_the_correlation(small_corpus):
@@ -154,9 +155,8 @@ def test_lips_that_close_are_told_from_lips_that_do_not(face_corpus):
         "half open": trained(face_corpus, shift=0.15),
     }
     result = evaluate(face_corpus, models, resamples=100)
-    assert result.bilabials == 8
-    assert result.closed["target"] == result.closed["perfect"] == 1.0
-    assert result.closed["half open"] == 0.0
+    assert result.lips["target"].closed == result.lips["perfect"].closed == Share(8, 8)
+    assert result.lips["half open"].closed == Share(0, 8)
 
 
 def test_a_table_and_json_hold_every_score(small_corpus):
@@ -246,17 +246,18 @@ def test_scores_print_as_a_table_the_best_model_first(face_corpus):
     models = {"half open": trained(face_corpus, shift=0.15), "perfect": trained(face_corpus)}
     result = evaluate(face_corpus, models, resamples=50)
     lines = str(result).splitlines()
-    assert lines[0].split() == (["model", "free", "parameters", "RMSE", "%", "r", "lips", "closed"])
+    names = "model free parameters RMSE % r lips closed lip at teeth vowels open fastest, mm/s"
+    assert lines[0].split() == names.split()
     assert lines[1].startswith("perfect")
-    assert lines[1].endswith("100.0 %")
+    assert "100.0 % [67.6, 100.0]" in lines[1]
     assert "0.00 [0.00, 0.00]" in lines[1]
     assert "1.000 [1.000, 1.000]" in lines[1]
-    assert lines[2].endswith("0.0 %")
+    assert " 0.0 % [0.0, 32.4]" in lines[2]
     assert len({len(line) for line in lines}) == 1
     assert len(repr(result).splitlines()) == 1
     assert "'perfect'" in repr(result)
     page = ElementTree.fromstring(result._repr_html_())
-    assert len(page.findall(".//th")) == 2 + 2 * len(GROUPS) + 1
+    assert len(page.findall(".//th")) == 2 + 2 * len(GROUPS) + 4
     assert [row[0].text for row in page.findall(".//tbody/tr")] == ["perfect", "half open"]
     blind = evaluate(face_corpus, models, face=None, resamples=50)
     assert "closed" not in str(blind)
@@ -269,8 +270,8 @@ def test_evaluations_are_compared_copied_and_pickled(face_corpus):
         assert copy.equals(result)
     assert not result.equals(other)
     assert not result.equals("scores")
-    assert not result.equals(dataclasses.replace(result, closed={"half": 0.0, "target": 0.5}))
-    assert not result.equals(dataclasses.replace(result, bilabials=3))
+    assert not result.equals(dataclasses.replace(result, lips={}))
+    assert not result.equals(dataclasses.replace(result, ranges=2 * result.ranges))
     missing = dataclasses.replace(result, ranges=np.full_like(result.ranges, np.nan))
     assert missing.equals(dataclasses.replace(missing))
 

@@ -6,6 +6,7 @@ import scipy.stats
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mocap_fit.evaluation.closure import Share
 from mocap_fit.evaluation.measures import (
     average,
     compute_interval,
@@ -14,7 +15,7 @@ from mocap_fit.evaluation.measures import (
     draw_resamples,
     sum_utterance,
 )
-from mocap_fit.evaluation.tables import format_html, format_percent, format_text, format_value
+from mocap_fit.evaluation.tables import format_html, format_share, format_text, format_value
 
 # Efron & Tibshirani (1993), table 2.1: survival of treated mice, days.
 MICE = np.array([94, 197, 16, 38, 99, 141, 23], dtype=float)
@@ -151,8 +152,8 @@ def test_one_frame_has_an_error_and_no_correlation():
 
 def test_cells_of_tables_are_rounded_and_escaped():
     assert format_value([6.678, 6.549, 6.801], 2) == "6.68 [6.55, 6.80]"
-    assert format_percent(0.9751) == "97.5 %"
-    assert format_percent(None) == format_percent(float("nan")) == "–"
+    assert format_share(Share(8, 10)) == "80.0 % [49.0, 94.3]"
+    assert format_share(Share(0, 0)) == "–"
     text = format_text(["model", "r"], [["a", "0.5"], ["longer", "1"]])
     assert text.splitlines() == ["model     r", "a       0.5", "longer    1"]
     assert "<td>&lt;b&gt;</td>" in format_html(["x"], [["<b>"]])

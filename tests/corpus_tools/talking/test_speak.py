@@ -170,6 +170,13 @@ class TestLabelsAndTracks:
         report = json.loads(capsys.readouterr().out)
         assert report["phones"] == ["sil", "B", "AA", "sil"]
         assert report["frames"] == 25
+        (lips,) = report["lips"].values()
+        (bilabial,) = lips["bilabials"]
+        assert bilabial["phone"] == "B"
+        assert bilabial["closed"] is True
+        assert bilabial["gap"] <= 0.5
+        assert lips["labiodentals"] == []
+        assert lips["largest_speed"] <= 350
         assert report["sound"] is True
 
     def test_measured_tracks_alone_and_beside_a_model(self, tmp_path, labels, tracks, capsys):
