@@ -7,7 +7,8 @@ first too, but the data must fill the file to its last block; where they never d
 least of it over is taken.
 
 Frames beyond 65,535 do not fit the header's 16 bits. POINT:LONG_FRAMES, POINT:FRAMES or the TRIAL
-group may say them; where none does, the length of the file says how many there are.
+group may say them; where none does, the length of the file says how many there are, without the
+zeros at its end.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import math
 import warnings
 from dataclasses import dataclass
 from itertools import product
+from pathlib import Path
 
 from mocap_fit.errors import FileFormatError, MocapFitWarning
 from mocap_fit.io.c3d_structure import BLOCK, Structure
@@ -23,6 +25,9 @@ from mocap_fit.size_limit import check_size
 
 _LONG = 65535
 """A last frame of this number means that the header's 16 bits did not suffice."""
+
+_STEP = 2**16
+"""Bytes that are searched at a time."""
 
 _MEMORY = 25
 """Bytes of a point in memory: three coordinates and its origin."""
@@ -108,14 +113,15 @@ def determine_layout(structure: Structure) -> Layout:
     )
     if frames == 0:
         left, frames = -1, _count_remaining(structure, counts[0], kinds, available)
-    if left > BLOCK and structure.get_word(5) == _LONG:
+    elif left > BLOCK and structure.get_word(5) == _LONG:
         kind = kinds[0]
-        frames = _count_by_length(structure, kind, available)
-        _warn(structure, f"it says {max(counts)} frames and holds {frames}; all are read")
-    elif left >= 0:
+        frames = _extend_count(structure, frames, kind, available)
+    elif left > BLOCK and len(kinds) > 1:
+        _warn(structure, "header and parameters contradict each other, and neither fills it")
+    elif left > BLOCK:
+        frames = _extend_count(structure, frames, kind, available)
+    if left >= 0:
         _warn_of_contradictions(structure, frames, kind.points)
-        if left > BLOCK and len(kinds) > 1:
-            _warn(structure, "header and parameters contradict each other, and neither fills it")
     check_size(frames * kind.points * _MEMORY, path=structure.path)
     return Layout(frames, _find_first_frame(structure, frames), kind)
 
@@ -218,13 +224,30 @@ def _count_remaining(structure: Structure, count: int, kinds: list[Frame], avail
     return frames
 
 
-def _count_by_length(structure: Structure, kind: Frame, available: int) -> int:
-    """Return the number of frames that fill the file, but for the zeros in its last block."""
-    with structure.path.open("rb") as file:
-        file.seek(structure.data_start + available - BLOCK)
-        block = file.read(BLOCK)
-    zeros = len(block) - len(block.rstrip(b"\0"))
-    return min(-(-(available - zeros) // kind.size), available // kind.size)
+def _extend_count(structure: Structure, frames: int, kind: Frame, available: int) -> int:
+    """Return the number of frames by the length of a file that goes on behind those it says."""
+    behind = frames * kind.size
+    size = _find_padding(structure.path, structure.data_start + behind, available - behind)
+    in_file = min(-(-(behind + size) // kind.size), available // kind.size)
+    # A count that did not suffice may have lost its upper bits.
+    turns, rest = divmod(in_file - frames, 2**16)
+    if size and (structure.get_word(5) == _LONG or (turns and not rest)):
+        _warn(structure, f"it says {frames} frames and holds {in_file}; all are read")
+        return in_file
+    if size >= kind.size:
+        _warn(structure, f"it goes on for {size} bytes behind its last frame; these are not read")
+    return frames
+
+
+def _find_padding(path: Path, start: int, size: int) -> int:
+    """Return how many bytes of a part of a file come before the zeros at its end."""
+    with path.open("rb") as file:
+        for begin in range(size // _STEP * _STEP, -1, -_STEP):
+            file.seek(start + begin)
+            content = file.read(min(_STEP, size - begin)).rstrip(b"\0")
+            if content:
+                return begin + len(content)
+    return 0
 
 
 def _warn_of_contradictions(structure: Structure, frames: int, points: int) -> None:
