@@ -359,7 +359,6 @@ def _parse_fast(
             keep_default_na=False,
             skip_blank_lines=False,
             quoting=3,
-            low_memory=False,
         )
     except (ValueError, OverflowError):
         return None

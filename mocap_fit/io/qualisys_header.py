@@ -30,7 +30,9 @@ _COUNTS = {
 }
 """Keywords with a cell for each marker or body, and those that count these."""
 
-_UNUSED = frozenset(("TIME_STAMP", "DESCRIPTION", "NO_OF_CAMERAS", "NO_OF_ANALOG"))
+_UNUSED = frozenset(
+    ("TIME_STAMP", "DESCRIPTION", "NO_OF_CAMERAS", "NO_OF_ANALOG", "ANALOG_FREQUENCY")
+)
 """Keywords that some exports have twice, and that nothing depends on."""
 
 _KEYWORD = re.compile(r"[A-Z][A-Z0-9]*(_[A-Z0-9]+)*")
@@ -175,7 +177,8 @@ def split_line(line: str) -> list[str]:
     if '"' in line:
         cells = split_cells(line, "\t") or [""]
     words = cells[0].split(None, 1)
-    return words + cells[1:] if words and words[0] in KNOWN_KEYWORDS else cells
+    known = words[:1] and (words[0] in KNOWN_KEYWORDS or words == ["Frame", "Time"])
+    return words + cells[1:] if known else cells
 
 
 def is_title_row(cells: list[str]) -> bool:
