@@ -1,8 +1,9 @@
 """TRC files of Motion Analysis and OpenSim, also those that a spreadsheet saved.
 
 Three lines of header, a line of marker names, a line of axes, optional blank lines, and a row a
-frame: number, time, three coordinates a marker. Cells are separated by tabs, in files of
-spreadsheets also by commas or semicolons, and may be in quotation marks; a tab may be doubled.
+frame: number, time, three coordinates a marker. Cells are separated by tabs, which may be doubled,
+in files of some programs by blanks, and in those of spreadsheets by commas or semicolons; they may
+be in quotation marks.
 Trajectories without a name, between or behind the named ones, are left out.
 
 The unit is that of the header. Gaps are blanks, and in the files of some converters ``0`` three
@@ -114,7 +115,10 @@ def read(
         block = text.read_rest()
     match = re.search(rb"[^\s,;\"][^\n]*", block)
     row = decode_line(match[0] if match else b"")
-    if separator == "\t" and row and not re.search(r"(?<!\t)\t(?!\t)", row):
+    if separator == "\t" and "\t" not in row:
+        block = b"\n".join(b"\t".join(line.split()) for line in block.split(b"\n"))
+        row = "\t".join(row.split())
+    elif separator == "\t" and not re.search(r"(?<!\t)\t(?!\t)", row):
         block, row = block.replace(b"\t\t", b"\t"), row.replace("\t\t", "\t")
     markers = _locate_markers(filled, axes, row.split(separator))
     used = name_tracks(markers.labels, names, path=text.path, subject=subject, line=4)
@@ -172,6 +176,8 @@ def _read_header(text: TextFile) -> tuple[dict[str, str], Separator, list[tuple[
         raise FileFormatError(
             "the file is cut off in its header", path=text.path, line=text.number, advice=_AGAIN
         )
+    if not re.search(r"[\t,;]", lines[2]):
+        lines[2] = "\t".join(lines[2].split())
     separator = find_separator(lines[2])
     words, values = (line.replace('"', "").split(separator) for line in lines[:2])
     if len(words) < 3:

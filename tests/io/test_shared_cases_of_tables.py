@@ -97,3 +97,20 @@ def test_names_are_read_as_they_are(name: str, marker: str, cases: Path) -> None
     tracks = read(cases / "hard" / f"{name}.csv")
     assert tracks.names[-1] == marker
     assert (tracks.frames, tracks.rate) == (12, 100)
+
+
+@pytest.mark.parametrize(
+    ("name", "lead"), [("qtm2014_3d_frame_time.tsv", 2), ("qtm2010_3d_no_title_row.tsv", 0)]
+)
+def test_real_exports_against_a_literal_parser(name: str, lead: int, data_folder: Path) -> None:
+    """Every number, by nothing but the tabs of the rows behind the names."""
+    path = data_folder / "qualisys" / name
+    lines = path.read_text(encoding="cp1252").splitlines()
+    start = next(i for i, line in enumerate(lines) if line.startswith("MARKER_NAMES"))
+    rows = [line for line in lines[start + 1 :] if line and not line.startswith("Frame")]
+    values = np.array([[float(cell) for cell in row.split("\t") if cell] for row in rows])
+    wanted = values[:, lead:].reshape(len(rows), -1, 3)
+    wanted[(wanted == 0).all(axis=2)] = np.nan
+    tracks = read(path)
+    assert tracks.names == tuple(cell for cell in lines[start].split("\t")[1:] if cell)
+    np.testing.assert_array_equal(tracks.positions, wanted)

@@ -212,6 +212,22 @@ def test_a_unit_of_the_caller(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_tracks(path, unit="mm").positions, values)
 
 
+@pytest.mark.parametrize("first", [0, 5, 3])
+def test_blanks_for_tabs(first: int, tmp_path: Path) -> None:
+    """In all lines, in the rows, or in the names and all below them."""
+    names = ["chin", "lip", "nose"]
+    values = draw(names)
+    values[1, 0] = 9.0
+    lines = ["\t".join(line) for line in compose(names, values)]
+    lines[first:] = [" ".join(line.split()) for line in lines[first:]]
+    path = tmp_path / "a.trc"
+    path.write_text("\n".join(lines) + "\n")
+    check(path, names, values)
+    path.write_text("\n".join([*lines[:-1], lines[-1].rsplit(" ", 1)[0], lines[-1]]) + "\n")
+    with pytest.raises(FileFormatError, match=r"line 10: .*found 10, expected 11"):
+        read_tracks(path)
+
+
 def test_a_header_of_seven_words(tmp_path: Path) -> None:
     values = draw(NAMES)
     lines = compose(NAMES, values)
