@@ -52,7 +52,8 @@ class _Document:
         self.tiers: list[str] = []
         self.annotations: dict[str, _Annotation] = {}
         self.offset = 0.0
-        self._has_media = False
+        # Whether the medium that gives the offset is a sound; None without one.
+        self._is_sound: bool | None = None
         self._current: _Annotation | None = None
         self._in_value = False
         self._depth = 0
@@ -115,9 +116,9 @@ class _Document:
     def _add_medium(self, attributes: dict[str, str]) -> None:
         # Times are those of ELAN's player, which skips the origin of the sound.
         is_sound = attributes.get("MIME_TYPE", "").startswith("audio")
-        if is_sound or not self._has_media:
+        if self._is_sound is None or (is_sound and not self._is_sound):
             self.offset = self._parse(attributes.get("TIME_ORIGIN", "0"))
-        self._has_media = self._has_media or is_sound
+            self._is_sound = is_sound
 
     def _add_annotation(self, tag: str, attributes: dict[str, str]) -> None:
         name = self._get(attributes, "ANNOTATION_ID")

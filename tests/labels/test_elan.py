@@ -125,19 +125,25 @@ def test_any_division_fills_its_parent(data, tmp_path_factory):
     assert [t for e in labels.get_tier("parts").entries for t in (e.start, e.end)] == halves
 
 
-def test_the_origin_of_the_sound_is_added(tmp_path):
+def test_the_origin_of_the_first_sound_is_added(tmp_path):
     path = tmp_path / "take.eaf"
-    header = (
-        '<HEADER TIME_UNITS="milliseconds"><MEDIA_DESCRIPTOR MEDIA_URL="a.mpg" '
-        'MIME_TYPE="video/mpeg" TIME_ORIGIN="7000"/><MEDIA_DESCRIPTOR MEDIA_URL="a.wav" '
-        'MIME_TYPE="audio/x-wav" TIME_ORIGIN="1500"/></HEADER>'
+    video, sound, other = (
+        f'<MEDIA_DESCRIPTOR MEDIA_URL="a" MIME_TYPE="{kind}" TIME_ORIGIN="{origin}"/>'
+        for kind, origin in (("video/mpeg", 7000), ("audio/x-wav", 1500), ("audio/x-wav", 3000))
     )
     tiers = [("phones", None, [("x", ("a", "b"), "B")])]
-    path.write_text(document({"a": 0, "b": 1000}, tiers, header))
-    with pytest.warns(MocapFitWarning, match=r"from 1.5 s on \(TIME_ORIGIN\)"):
-        (labels,) = elan.read(path)
-    assert entries(labels, "phones") == [(1.5, 2.5, "B")]
-    assert labels.end == 2.5
+    for media, offset in (
+        ((video, sound, other), 1.5),
+        ((sound, video), 1.5),
+        ((other, sound), 3.0),
+        ((video,), 7.0),
+    ):
+        header = f'<HEADER TIME_UNITS="milliseconds">{"".join(media)}</HEADER>'
+        path.write_text(document({"a": 0, "b": 1000}, tiers, header))
+        with pytest.warns(MocapFitWarning, match=rf"from {offset:g} s on \(TIME_ORIGIN\)"):
+            (labels,) = elan.read(path)
+        assert entries(labels, "phones") == [(offset, offset + 1, "B")]
+        assert labels.end == offset + 1
 
 
 BOMB = (
