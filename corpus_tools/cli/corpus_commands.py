@@ -190,15 +190,14 @@ def _align(
     """Find when the phones of a known text are spoken: one TextGrid per sound."""
     from corpus_tools.cli import corpus_printing
     from corpus_tools.conversion.align import align as run
-    from mocap_fit.errors import MocapFitError
 
     causes = corpus_printing.CausePrinter()
     with display.show_progress() as show:
 
-        def show_sound(done: int, total: int, error: MocapFitError | None) -> None:
-            if error is not None:
-                causes.show_error(str(error.path), error)
+        def show_sound(done: int, total: int, error: Exception | None) -> None:
             show("aligning", done, total)
+            if error is not None:
+                causes.show_error(str(sounds[done - 1]), error)
 
         report = run(
             sounds,

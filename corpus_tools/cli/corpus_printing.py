@@ -14,7 +14,7 @@ from corpus_tools.conversion.align import AlignReport
 from corpus_tools.conversion.fit import FitReport
 from corpus_tools.conversion.report import ConversionReport, list_names
 from corpus_tools.conversion.select_sentences import SelectionReport
-from mocap_fit.errors import MocapFitError, is_debugging
+from mocap_fit.errors import MocapFitError, describe_error, is_debugging
 
 _COLUMNS = {
     "frames": "frames",
@@ -54,20 +54,20 @@ class CausePrinter:
             self._repeated[cause] = []
             console.say(line)
 
-    def show_error(self, name: str, error: MocapFitError) -> None:
+    def show_error(self, path: str, error: Exception) -> None:
         """Print an error.
 
         Parameters
         ----------
-        name
-            What the error is about.
+        path
+            The file that it is about.
         error
             The error.
         """
-        if is_debugging():
-            console.print_error(error)
+        if is_debugging() or not isinstance(error, MocapFitError):
+            console.print_error(error, path)
         else:
-            self.show(name, f"error: {error}", f"error: {error.cause}")
+            self.show(path, f"error: {describe_error(error, path)}", f"error: {error.cause}")
 
     def show_result(self, result: ItemResult) -> None:
         """Print the warnings and the error of a recording.

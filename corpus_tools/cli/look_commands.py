@@ -69,7 +69,6 @@ def _info(
     from corpus_tools.cli.contents_printing import print_contents
     from corpus_tools.cli.corpus_printing import CausePrinter
     from corpus_tools.inspection.info import info as run
-    from mocap_fit.errors import MocapFitError, add_path
 
     faults: dict[str, Exception] = {}
 
@@ -86,10 +85,7 @@ def _info(
     # Last, where they are not scrolled away.
     causes = CausePrinter()
     for file, error in faults.items():
-        if isinstance(error, MocapFitError):
-            causes.show_error(file, add_path(error, file))
-        else:
-            console.print_error(error, file)
+        causes.show_error(file, error)
     causes.finish()
     raise typer.Exit(Status.BAD_DATA if report.errors else Status.DONE)
 

@@ -6,18 +6,30 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mocap_fit.atomic_file import make_folder
-from mocap_fit.errors import ConfigurationError, FileFormatError, MissingFileError, MocapFitError
+from mocap_fit.errors import (
+    ConfigurationError,
+    DataError,
+    FileFormatError,
+    MissingFileError,
+    MocapFitError,
+    describe_error,
+)
 from mocap_fit.labels import to_labels, write_labels
 from mocap_fit.labels.text import read_label_text
 from mocap_fit.sound import SOUND_ENDINGS
 
+if TYPE_CHECKING:
+    from mocap_fit.synthesis import Aligner
+
 _BESIDE = (".txt", ".lab")
 
 
-def read_transcripts(sound_files: Sequence[Path], text: Path | None) -> dict[Path, str]:
+def read_transcripts(
+    sound_files: Sequence[Path], text: Path | None
+) -> dict[Path, str | MocapFitError]:
     """Return what is said in each sound file.
 
     Parameters
@@ -32,15 +44,15 @@ def read_transcripts(sound_files: Sequence[Path], text: Path | None) -> dict[Pat
 
     Returns
     -------
-    dict[Path, str]
-        The text of each sound.
+    dict[Path, str | MocapFitError]
+        The text of each sound, or why there is none.
 
     Raises
     ------
     ConfigurationError
-        If sounds have no text, all are listed, or two have one name.
+        If no sound has a text, or two have one name.
     FileFormatError
-        If a file cannot be read, or a table has a line without a tab or two for one sound.
+        If a text for all cannot be read, or a table has a line without a tab or two for one sound.
     """
     names = [file.stem for file in sound_files]
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -55,7 +67,7 @@ def read_transcripts(sound_files: Sequence[Path], text: Path | None) -> dict[Pat
         content = read_label_text(text)
         if len(sound_files) == 1 and "\t" not in content:
             return {sound_files[0]: content}
-        table = _parse_table(content, text, set(names))
+        table: dict[str, str | MocapFitError] = dict(_parse_table(content, text, set(names)))
     else:
         if text is not None and not text.exists():
             raise MissingFileError("there is no such file or folder", path=str(text))
@@ -65,17 +77,26 @@ def read_transcripts(sound_files: Sequence[Path], text: Path | None) -> dict[Pat
             for ending in _BESIDE:
                 beside = folder / f"{file.stem}{ending}"
                 if file.stem not in table and beside.is_file():
-                    table[file.stem] = read_label_text(beside)
-    without = [name for name in names if not table.get(name, "").strip()]
-    if without:
+                    try:
+                        table[file.stem] = read_label_text(beside)
+                    except MocapFitError as error:
+                        table[file.stem] = error
+    expected = "a line NAME<tab>TEXT for each, or NAME.txt or NAME.lab"
+    spoken: dict[Path, str | MocapFitError] = {}
+    for file in sound_files:
+        spoken[file] = table.get(file.stem, "")
+        if not str(spoken[file]).strip():
+            spoken[file] = ConfigurationError("the sound has no text", path=file, expected=expected)
+    without = [file.stem for file in sound_files if isinstance(spoken[file], ConfigurationError)]
+    if len(without) == len(spoken):
         more = f" and {len(without) - 10} more" if len(without) > 10 else ""
         raise ConfigurationError(
             f"{len(without)} sounds have no text",
             path=None if text is None else str(text),
             found=", ".join(without[:10]) + more,
-            expected="a line NAME<tab>TEXT for each, or NAME.txt or NAME.lab",
+            expected=expected,
         )
-    return {file: table[file.stem] for file in sound_files}
+    return spoken
 
 
 def _parse_table(content: str, path: Path, names: set[str]) -> dict[str, str]:
@@ -152,12 +173,12 @@ def align(
     dictionary: str | os.PathLike[str] | None = None,
     acoustic_model: str | os.PathLike[str] | None = None,
     phone_set: str | None = None,
-    progress: Callable[[int, int, MocapFitError | None], object] | None = None,
+    progress: Callable[[int, int, Exception | None], object] | None = None,
 ) -> AlignReport:
     """Align sounds to their texts and write ``OUT/NAME.TextGrid`` for each.
 
-    A sound that cannot be aligned does not keep the others from it. Words that are not in the
-    dictionary are an error before anything is aligned.
+    A sound that cannot be aligned, has no text, or whose words are not in the dictionary, does not
+    keep the others from it.
 
     Parameters
     ----------
@@ -186,13 +207,17 @@ def align(
     Raises
     ------
     MocapFitError
-        If texts, words or models are missing; nothing is written then.
+        If the texts or words of all sounds, or models, are missing; nothing is written then.
     """
     from mocap_fit.synthesis import Aligner
 
-    spoken = read_transcripts(list(map(Path, sounds)), None if text is None else Path(text))
+    texts = read_transcripts(list(map(Path, sounds)), None if text is None else Path(text))
     aligner = Aligner(dictionary, acoustic_model, phone_set)
-    aligner.find_words("\n".join(spoken.values()))
+    said = [words for words in texts.values() if isinstance(words, str)]
+    spoken = {file: _check_words(aligner, words) for file, words in texts.items()}
+    if said and not any(isinstance(words, str) for words in spoken.values()):
+        # All that is missing at once.
+        aligner.find_words("\n".join(said))
     folder = Path(out)
     make_folder(folder)
     aligned: list[Mapping[str, Any]] = []
@@ -200,10 +225,10 @@ def align(
     for count, (sound_file, words) in enumerate(spoken.items(), start=1):
         fault = None
         try:
-            phones = aligner.align(sound_file, words)
-        except MocapFitError as error:
+            phones = aligner.align(sound_file, _get_text(words))
+        except Exception as error:
             fault = error
-            errors[sound_file.stem] = str(error)
+            errors[sound_file.stem] = describe_error(error, sound_file)
         else:
             file = folder / f"{sound_file.stem}.TextGrid"
             write_labels(to_labels(phones), file)
@@ -212,3 +237,19 @@ def align(
         if progress is not None:
             progress(count, len(spoken), fault)
     return AlignReport(folder, tuple(aligned), errors)
+
+
+def _check_words(aligner: Aligner, text: str | MocapFitError) -> str | MocapFitError:
+    """Return a text whose words are in the dictionary, or the error."""
+    if isinstance(text, str):
+        try:
+            aligner.find_words(text)
+        except DataError as error:
+            return error
+    return text
+
+
+def _get_text(text: str | MocapFitError) -> str:
+    if isinstance(text, MocapFitError):
+        raise text
+    return text

@@ -68,6 +68,19 @@ def test_more_than_is_free_is_refused_with_what_to_do():
     assert "1000000000000 frames of 35 markers" in str(caught.value.found)
 
 
+def test_several_processes_share_what_is_free():
+    needed = estimate_memory(1000, 35)
+    for processes in (1, 2, 5):
+        assert check_memory(1000, 35, processes=processes, free=needed * processes) == needed
+    with pytest.raises(DataError, match="fewer than --jobs 5") as caught:
+        check_memory(1000, 35, processes=5, free=needed * 5 - 1)
+    assert "in each of 5 processes for 1000 frames" in str(caught.value.found)
+    assert str(caught.value.expected).endswith("GB for all")
+    with pytest.raises(DataError, match=r"Fit it a part at a time") as caught:
+        check_memory(1000, 35, free=needed - 1)
+    assert "--jobs" not in str(caught.value)
+
+
 def test_nothing_is_refused_where_the_system_does_not_say(monkeypatch):
     monkeypatch.setattr(memory, "free_memory", lambda: None)
     assert check_memory(10**12, 35) > 10**12

@@ -135,3 +135,21 @@ def test_one_that_cannot_be_loaded_is_passed_over(
     install(tmp_path)
     with pytest.warns(MocapFitWarning, match=r"'broken' of lab-tools cannot be loaded"):
         assert registry.find(mf.load_sample(sample)) in ("qualisys-tsv", "textgrid")
+
+
+@pytest.mark.parametrize("code", ["import sys; sys.exit(3)", "raise SystemExit"])
+def test_one_that_ends_the_program_is_named(code: str, install: Install, tmp_path: Path) -> None:
+    failing = FAILING.replace('raise IndexError("no such column")', code)
+    write_distribution(tmp_path, "mocap_fit.readers", "table", failing)
+    install(tmp_path)
+    path = tmp_path / "a.lab_table"
+    path.write_text("0\n")
+    with pytest.raises(RegistryError, match=r"'table' of lab-tools failed.*SystemExit"):
+        mf.read_tracks(path)
+
+
+def test_the_files_of_the_others_are_still_listed(install: Install, tmp_path: Path) -> None:
+    write_distribution(tmp_path, "mocap_fit.readers", "broken", "import no_such_package\n")
+    install(tmp_path)
+    with pytest.warns(MocapFitWarning, match=r"'broken' of lab-tools cannot be loaded"):
+        assert {".tsv", ".c3d", ".trc"} <= io.READERS.list_extensions()

@@ -44,7 +44,13 @@ def test_texts_beside_the_sounds_or_in_a_folder(tmp_path):
     a, b = sounds(tmp_path, "a", "b")
     (tmp_path / "a.txt").write_text("hello")
     with pytest.raises(ConfigurationError, match=r"1 sounds have no text.*found b"):
-        read_transcripts([a, b], None)
+        read_transcripts([b], None)
+    spoken = read_transcripts([a, b], None)
+    assert spoken[a] == "hello"
+    assert str(spoken[b]).startswith(f"{b}: the sound has no text")
+    (tmp_path / "b.txt").write_bytes(b"\xff\x00\xff")
+    assert isinstance(read_transcripts([a, b], None)[b], FileFormatError)
+    (tmp_path / "b.txt").unlink()
     (tmp_path / "b.lab").write_text("world")
     assert read_transcripts([a, b], None) == read_transcripts([a, b], tmp_path)
     assert read_transcripts([a, b], None) == {a: "hello", b: "world"}
@@ -83,6 +89,12 @@ def test_sounds_become_textgrids_and_a_bad_one_is_left_out(data_folder, tmp_path
     assert not find_label_faults(read_labels(out / "mary.TextGrid"))
     phones = read_phones(out / "mary.TextGrid", phone_set="en-arpabet")
     assert len(phones) == result.aligned[0]["phones"]
+    text.write_text("mary\tqqq\nbobby\tBobby ripped the ledger.\n")
+    result = align(wavs, text, out=out)
+    assert [one["utterance"] for one in result.aligned] == ["bobby"]
+    assert "1 words are not in the dictionary: qqq" in result.errors["mary"]
+    assert "mary.wav" in result.errors["mary"]
+    assert "the sound has no text" in result.errors["bad"]
     text.write_text("mary\tqqq\nbad\tHello zzzz\nbobby\txxxx\n")
     with pytest.raises(DataError, match="3 words are not in the dictionary: qqq, zzzz, xxxx"):
         align(wavs, text, out=tmp_path / "none")

@@ -357,3 +357,37 @@ def test_folders_that_are_not_there(tmp_path, lab, capsys):
     (tmp_path / "file").write_text("in the way")
     assert convert(lab, tmp_path / "file") == 1
     assert "the folder cannot be made" in capsys.readouterr().err
+
+
+def test_recordings_that_need_more_memory_than_is_free(own, monkeypatch, capsys):
+    lab, corpus = own
+    monkeypatch.setattr("mocap_fit.fitting.memory.free_memory", lambda: 2**20)
+    assert convert(lab, corpus, "--fresh", "--json") == 1
+    errors = [u["error"] for u in json.loads(capsys.readouterr().out)["utterances"]]
+    assert len(errors) == 3
+    assert all("needs more memory than is free" in error for error in errors)
+
+
+@pytest.mark.slow
+def test_processes_share_the_memory_that_is_free(own, monkeypatch, capsys):
+    """Enough for one, and not for two."""
+    lab, corpus = own
+    monkeypatch.setattr("corpus_tools.batch.run.free_memory", lambda: 500 * 2**20)
+    assert convert(lab, corpus, "--fresh", "--json", "--jobs", 2) == 1
+    errors = [u["error"] for u in json.loads(capsys.readouterr().out)["utterances"]]
+    assert len(errors) == 3
+    assert all("fewer than --jobs 2" in error for error in errors)
+    assert convert(lab, corpus, "--fresh") == 0
+
+
+def test_what_was_bad_is_said_though_the_table_cannot_be_written(own, capsys):
+    lab, corpus = own
+    recording(lab, "sim002").write_bytes(b"no recording")
+    (corpus / "utterances.parquet").unlink()
+    (corpus / "utterances.parquet").mkdir()
+    (corpus / "utterances.parquet" / "in_the_way").touch()
+    assert convert(lab, corpus) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert any("sim002" in line and "warning: " in line for line in lines)
+    assert "utterances.parquet" in lines[-1]
+    assert "error: " in lines[-1]

@@ -137,3 +137,43 @@ def test_what_is_none_of_these(tmp_path, capsys):
     assert [str(path) in each["error"] for path, each in zip(paths, told, strict=True)] == [
         True
     ] * 4
+
+
+def test_folders_and_files_with_errors_last(tmp_path, corpus, capsys):
+    folder = tmp_path / "lab"
+    (folder / "inside").mkdir(parents=True)
+    save_corpus(corpus, tmp_path / "corpus")
+    write_sound(Sound(np.zeros(800), 16000), folder / "b.wav")
+    write_sound(Sound(np.zeros(1600), 16000), folder / "inside" / "d.wav")
+    (folder / "a.wav").write_bytes(b"no sound")
+    (folder / "c.tsv").write_bytes(b"no table")
+    (folder / "notes.md").write_bytes(b"no data")
+    (tmp_path / "empty").mkdir()
+    paths = [folder, tmp_path / "corpus", tmp_path / "empty", tmp_path / "absent.wav"]
+    rows = info(capsys, *paths, status=1)
+    within = [folder / name for name in ("a.wav", "b.wav", "c.tsv", "inside/d.wav")]
+    assert [row["file"] for row in rows] == [str(path) for path in (*within, *paths[1:])]
+    bad = [within[0], within[2], *paths[2:]]
+    assert [row["file"] for row in rows if "error" in row] == [str(path) for path in bad]
+    assert all(row["file"] in row["error"] for row in rows if "error" in row)
+    # In words too: all that can be described, and last what cannot.
+    assert cli.main(["info", *map(str, paths)]) == 1
+    shown = capsys.readouterr()
+    assert str(within[3]) in shown.out
+    lines = shown.err.splitlines()
+    assert [str(path) in line for path, line in zip(bad, lines, strict=True)] == [True] * 4
+
+
+def test_a_mistake_of_a_reader_or_of_ours_costs_one_file(
+    tmp_path, crash_reader, capsys, monkeypatch
+):
+    write_sound(Sound(np.zeros(800), 16000), tmp_path / "z.wav")
+    for kind in ("raise", "memory", "recursion", "leave"):
+        (tmp_path / f"{kind}.crash").write_text(f"CRASH {kind}")
+    rows = info(capsys, tmp_path, status=1)
+    errors = {row["file"]: row["error"] for row in rows if "error" in row}
+    assert len(errors) == 4
+    assert all(error.startswith(file) for file, error in errors.items())
+    monkeypatch.setattr("corpus_tools.inspection.contents.energy_db", lambda *_, **__: 1 / 0)
+    (row,) = (row for row in info(capsys, tmp_path, status=1) if row["file"].endswith("z.wav"))
+    assert "z.wav: this is a bug in mocap-fit (ZeroDivisionError" in row["error"]
