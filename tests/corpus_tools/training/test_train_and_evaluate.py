@@ -1,4 +1,5 @@
 import json
+import shutil
 
 import numpy as np
 import pandas as pd
@@ -182,3 +183,32 @@ def test_dominance_functions_are_drawn(corpus_folder, tmp_path):
     out = tmp_path / "scores"
     assert cli.main(["evaluate", str(corpus_folder), str(model), "--out", str(out)]) == 0
     assert (out / "dominance_cohen_massaro.png").stat().st_size > 5000
+
+
+@pytest.mark.parametrize("damage", ["cut", "absent", "other", "phones"])
+def test_a_damaged_utterance_is_named_and_nothing_is_written(
+    damage, corpus_folder, models, tmp_path, capsys
+):
+    corpus = tmp_path / "corpus"
+    shutil.copytree(corpus_folder, corpus)
+    part = "phones" if damage == "phones" else "tracks"
+    for name in ("u04", "u05"):  # One to score on, and one to learn from.
+        path = corpus / part / f"{name}.parquet"
+        if damage == "absent":
+            path.unlink()
+        elif damage == "other":
+            shutil.copy(corpus / "phones" / path.name, path)
+        else:
+            path.write_bytes(path.read_bytes()[:-60])
+    calls = {
+        "u05": ["train", corpus, "--model", "phone-mean", "--out", tmp_path / "a.model"],
+        "u04": ["evaluate", corpus, models / "mean.npz", "--out", tmp_path / "scores"],
+    }
+    for name, call in calls.items():
+        assert cli.main([*map(str, call)]) == 1
+        shown = capsys.readouterr()
+        (error,) = [line for line in shown.err.splitlines() if "error: " in line]
+        assert str(corpus / part / f"{name}.parquet") in error
+        assert shown.out == ""
+    assert not (tmp_path / "a.model").exists()
+    assert not list(tmp_path.glob("scores/*"))
