@@ -25,6 +25,7 @@ from mocap_fit.sound.sound import Sound
 from mocap_fit.sound.sound_header import (
     count_announced,
     describe_header,
+    has_known_head,
     has_wav_header,
     is_bw64,
     is_open_ended,
@@ -52,7 +53,7 @@ _LOUDEST = 2.0**31
 
 
 def read_sound(path: str | os.PathLike[str]) -> Sound:
-    """Read a sound file: wav, FLAC, NIST SPHERE, AIFF, Ogg, MP3 and what else libsndfile knows.
+    """Read a sound file: wav, FLAC, NIST SPHERE, AIFF, AU, CAF, Ogg or MP3.
 
     Parameters
     ----------
@@ -138,6 +139,8 @@ def _decode(source: BinaryIO, path: str | os.PathLike[str]) -> tuple[_Decoded | 
     """Return the samples before the end or the first fault, or the reason why there are none."""
     import soundfile
 
+    if not has_known_head(source):
+        return None, "no format that is known"
     # A descriptor, so that libsndfile cannot guess a format by the name. On Windows each runtime
     # library has descriptors of its own.
     is_file = os.name != "nt" and not isinstance(source, io.BytesIO)
@@ -223,7 +226,7 @@ def _describe_failure(
     return FileFormatError(
         "this is not a sound file that can be read",
         path=path,
-        found=header or f"libsndfile: {fault.rstrip('.')}",
+        found=header or fault.rstrip("."),
         expected="wav, FLAC, NIST SPHERE, AIFF, Ogg or MP3",
         advice=advice,
     )

@@ -19,6 +19,12 @@ _MOST_CHUNKS = 1000
 # Sizes that programs write which do not know how long the sound will be: sox and arecord, then
 # those that write the largest number or one a little below.
 _STREAMED = (range(0x7FFFF000, 0x80000001), range(0xFFFFF000, 0x100000000))
+# How files begin that are read: wav and its relatives, FLAC, NIST, AIFF, AU, CAF, Ogg, MP3 with
+# and without a tag. libsndfile also takes formats that begin with anything, and a decoder of one
+# of them prints.
+_HEADS = re.compile(
+    rb"RIFF|RIFX|RF64|BW64|riff|fLaC|NIST|FORM|\.snd|dns\.|caff|OggS|ID3|\xff[\xe0-\xff]"
+)
 _TAIL = 65536 + 282
 
 
@@ -117,6 +123,22 @@ def _find_wav(stream: BinaryIO) -> _Wav | None:
         fact = contents.get(b"fact", b"")
         return _Wav(_ORDERS[head[:4]], form, fact, chunk.start, size, available)
     return None
+
+
+def has_known_head(stream: BinaryIO) -> bool:
+    """Whether a file begins as one of the formats that are read.
+
+    Parameters
+    ----------
+    stream
+        The file.
+
+    Returns
+    -------
+    bool
+        False for raw samples, and for formats of samplers and old computers.
+    """
+    return _HEADS.match(_read(stream, 0, 4)) is not None
 
 
 def mend_wav(stream: BinaryIO) -> io.BytesIO | None:

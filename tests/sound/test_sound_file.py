@@ -337,6 +337,19 @@ def test_rates_and_channels(read, rate, channels):
     np.testing.assert_array_equal(sound.samples, samples / 32768)
 
 
+@pytest.mark.parametrize("kind", ["SDS", "HTK", "MAT4", "IRCAM", "WVE", "PVF", "XI"])
+def test_formats_without_a_sure_beginning_are_not_read(read, kind, capfd):
+    """The decoder of SDS prints what it finds wrong."""
+    encoding = {"WVE": "ALAW", "XI": "DPCM_16"}.get(kind, "PCM_16")
+    stream = io.BytesIO()
+    soundfile.write(stream, PCM, 8000, encoding, format=kind)
+    content = bytearray(stream.getvalue())
+    content[100:120] = b"\xff" * 20
+    with pytest.raises(FileFormatError, match="not a sound file"):
+        read(bytes(content))
+    assert capfd.readouterr() == ("", "")
+
+
 def test_what_is_no_file(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such file"):
         read_sound(tmp_path / "none.wav")
