@@ -19,7 +19,7 @@ from mocap_fit.phones.types import PhoneSegment, PhoneSequence
 # Occurrences of an unknown symbol that are remembered and shown.
 _SHOWN = 3
 # Unknown symbols that a message lists.
-_LISTED = 100
+_LISTED = 20
 # Ties and the mark of a part that is not syllabic are optional in IPA.
 _OPTIONAL = str.maketrans("", "", "\u032f\u035c\u0361")
 
@@ -112,7 +112,7 @@ def normalise_phones(
     Raises
     ------
     DataError
-        If labels are not in the set; all of them are listed, with their occurrences.
+        If labels are not in the set; up to 20 are listed, with their occurrences.
     """
     known_set = _load(phone_set)
     table = table or {}
@@ -184,7 +184,7 @@ def map_phones(
     Raises
     ------
     DataError
-        If phones are not in the first set, or have no counterpart in the second; all of them are
+        If phones are not in the first set, or have no counterpart in the second; up to 20 are
         listed, with their occurrences.
     """
     target = _load(to)
