@@ -14,7 +14,7 @@ from corpus_tools.conversion.align import AlignReport
 from corpus_tools.conversion.fit import FitReport
 from corpus_tools.conversion.report import ConversionReport, list_names
 from corpus_tools.conversion.select_sentences import SelectionReport
-from mocap_fit.errors import MocapFitError, describe_error, is_debugging
+from mocap_fit.errors import MocapFitError, describe_error, is_debugging, shorten
 
 _COLUMNS = {
     "frames": "frames",
@@ -26,6 +26,8 @@ _COLUMNS = {
 }
 # More recordings than this are summed up, and only the worst are listed.
 _LISTED = 20
+# Characters of a cause that has been printed already.
+_CAUSE = 120
 # How many of the missing words are shown; the file has them all.
 _WORDS = 10
 
@@ -89,6 +91,7 @@ class CausePrinter:
         for cause, names in self._repeated.items():
             if names:
                 kind, _, text = cause.partition(": ")
+                text = shorten(text, _CAUSE)
                 console.say(f"{kind}: the same of {len(names)} more ({list_names(names)}): {text}")
 
 

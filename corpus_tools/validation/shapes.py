@@ -9,6 +9,7 @@ import numpy as np
 
 from mocap_fit.fitting import Layout, load_layout
 from mocap_fit.fitting.layout import list_layouts
+from mocap_fit.io.names import split_subject
 from mocap_fit.tracks import FloatArray, MarkerTracks, estimate_rigid_transforms
 from mocap_fit.tracks.rigid import apply_inverse_transforms, project_to_rotations
 from mocap_fit.tracks.rigid_sets import compute_median, compute_typical_shape
@@ -101,10 +102,11 @@ def guess_layout(names: Sequence[str]) -> Layout | None:
         The layout that most of the names belong to; None where none does.
     """
     best, best_layout = _KNOWN_SHARE, None
+    known = {split_subject(name)[1] for name in names}
     for name in list_layouts():
         layout = load_layout(name)
         wanted = [marker.name for marker in layout.markers]
-        share = sum(marker in names for marker in wanted) / len(wanted)
+        share = sum(marker in known for marker in wanted) / len(wanted)
         if share > best:
             best, best_layout = share, layout
     return best_layout

@@ -27,6 +27,7 @@ from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.face import Rig
 from mocap_fit.face.lips import compute_lip_gap
 from mocap_fit.fitting import Layout
+from mocap_fit.fitting.marker_names import match_subject
 from mocap_fit.io import ReadOptions
 from mocap_fit.labels import Tier
 from mocap_fit.phones import PhoneSet
@@ -264,6 +265,8 @@ def check_recording(
         To be compared with others; None where nothing can be told.
     """
     layout = context.layout or shapes.guess_layout(recording.names)
+    if layout is not None:
+        recording = match_subject(layout, recording)
     findings: list[Finding] = []
     head: list[int] = []
     if layout is not None:

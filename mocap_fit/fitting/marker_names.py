@@ -40,11 +40,7 @@ def match_names(layout: Layout, tracks: MarkerTracks, *, complete: bool = False)
     """
     noun = "reference pose" if complete else "recording"
     wanted = [marker.name for marker in layout.markers]
-    lacking = [name for name in wanted if name not in tracks.names]
-    changes = _match_subject(lacking, tracks.names) if lacking else {}
-    if changes:
-        names = tuple(changes.get(name, name) for name in tracks.names)
-        tracks = tracks.replace(names=names).add_step("rename", {"names": changes})
+    tracks = match_subject(layout, tracks)
     _check_doubled(wanted, tracks, noun)
     lacking = [name for name in wanted if name not in tracks.names]
     head = () if complete else [marker.name for marker in layout.head_markers]
@@ -60,19 +56,37 @@ def match_names(layout: Layout, tracks: MarkerTracks, *, complete: bool = False)
     return tracks
 
 
-def _match_subject(lacking: Sequence[str], names: Sequence[str]) -> dict[str, str]:
-    """Return new names by old ones, if one subject has the markers that are lacking.
+def match_subject(layout: Layout, tracks: MarkerTracks) -> MarkerTracks:
+    """Return a recording with the names of the layout, if one subject has those that are lacking.
 
-    The prefix is in the recording and not in the layout, or the other way round.
+    Parameters
+    ----------
+    layout
+        The marker layout; its names may have a prefix that those of the recording lack.
+    tracks
+        A recording.
+
+    Returns
+    -------
+    MarkerTracks
+        The recording, with a step of provenance where markers were renamed.
     """
-    plain = {split_subject(name)[1]: name for name in lacking}
+    plain = {
+        split_subject(marker.name)[1]: marker.name
+        for marker in layout.markers
+        if marker.name not in tracks.names
+    }
     matches: dict[str | None, dict[str, str]] = {}
-    for name in names:
+    for name in tracks.names if plain else ():
         owner, rest = split_subject(name)
         if rest in plain:
             matches.setdefault(owner, {})[name] = plain[rest]
     # The markers of two people are not one face.
-    return next(iter(matches.values())) if len(matches) == 1 else {}
+    if len(matches) != 1:
+        return tracks
+    (changes,) = matches.values()
+    names = tuple(changes.get(name, name) for name in tracks.names)
+    return tracks.replace(names=names).add_step("rename", {"names": changes})
 
 
 def _check_doubled(wanted: Sequence[str], tracks: MarkerTracks, noun: str) -> None:

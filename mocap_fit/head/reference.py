@@ -325,7 +325,10 @@ def check_sizes(names: Sequence[str], shape: FloatArray, positions: FloatArray) 
     power = round(np.log10(ratio))
     if abs(power) in _UNITS:
         what, unit = "reference pose" if power > 0 else "recording", _UNITS[abs(power)]
-        advice = f"It seems that the {what} is in {unit}: convert it to millimetres."
+        advice = (
+            f"It seems that the {what} is in {unit}: give its unit (unit=... of read_tracks; "
+            "--unit holds for recordings and reference pose), or write it in millimetres."
+        )
     raise DataError(
         "recording and reference pose differ in size",
         found=f"distances in the recording are {ratio:.4g} times those of the reference pose",

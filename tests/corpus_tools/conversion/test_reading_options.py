@@ -139,6 +139,18 @@ def test_info_and_validate(session, tmp_path, capsys):
     assert "there is no marker 'none' to rename" in capsys.readouterr().err
 
 
+def test_validate_sees_through_the_prefix_of_a_subject(session, tmp_path):
+    def add_wand(tracks):
+        names = (*(f"Ann:{name}" for name in tracks.names), "Wand:tip")
+        tip = 3000.0 + tracks.positions[:, :1]
+        positions = np.concatenate([tracks.positions, tip], axis=1)
+        return tracks.replace(names=names, positions=positions, origin=None)
+
+    spoil(session.recordings[0], tmp_path / "a.tsv", add_wand)
+    findings = corpus_tools.validate([tmp_path / "a.tsv"]).findings
+    assert [f.location.item for f in findings if f.code in ("MF111", "MF112")] == ["Wand:tip"]
+
+
 def test_a_manifest(lab, lab_corpus, tmp_path):
     folder = tmp_path / "lab"
     shutil.copytree(lab, folder)
