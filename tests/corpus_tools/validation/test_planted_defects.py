@@ -37,7 +37,7 @@ def known(clean):
     opened, found = corpora.open_for_checks(clean, Context(load_thresholds()))
     summaries = {}
     for utterance in opened.corpus:
-        more, summaries[utterance.id] = corpora.check_utterance(opened, utterance)
+        more, (summaries[utterance.id],) = corpora.check_utterance(opened, utterance)
         found += more
     found += corpora.check_between(list(summaries.values()), opened.context.limits, splits=True)
     assert [f"{f.code} {f.location}: {f.found}" for f in found] == []
@@ -51,7 +51,7 @@ def checked_again(corpus, known):
     kept = []
     for utterance in opened.corpus:
         if SPOILT in utterance.id:
-            more, summary = corpora.check_utterance(opened, utterance)
+            more, (summary,) = corpora.check_utterance(opened, utterance)
             found += more
         else:
             summary = dataclasses.replace(summaries[utterance.id], split=utterance.split)
