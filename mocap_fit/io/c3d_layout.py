@@ -2,7 +2,8 @@
 
 Header and parameters say most counts twice, and real files contradict themselves: POINT:USED or
 the analog counts are wrong, a scale has the wrong sign, POINT:FRAMES counts padding. The number of
-frames is that of the header, if the file is long enough. For what a frame holds, the header comes
+frames is that of the header, if the file is long enough, or else one that the parameters say and
+the file confirms. For what a frame holds, the header comes
 first too, but the data must fill the file to its last block; where they never do, what leaves the
 least of it over is taken.
 
@@ -118,7 +119,7 @@ def determine_layout(structure: Structure) -> Layout:
         frames = _extend_count(structure, frames, kind, available)
     elif left > BLOCK and len(kinds) > 1:
         _warn(structure, "header and parameters contradict each other, and neither fills it")
-    elif left > BLOCK:
+    elif left >= kind.size:
         frames = _extend_count(structure, frames, kind, available)
     if left >= 0:
         _warn_of_contradictions(structure, frames, kind.points)
@@ -229,13 +230,15 @@ def _extend_count(structure: Structure, frames: int, kind: Frame, available: int
     behind = frames * kind.size
     size = _find_padding(structure.path, structure.data_start + behind, available - behind)
     in_file = min(-(-(behind + size) // kind.size), available // kind.size)
+    if in_file in _get_noted_counts(structure).values():
+        return in_file
+    if available - behind <= BLOCK or size < kind.size:
+        return frames
     # A count that did not suffice may have lost its upper bits.
-    turns, rest = divmod(in_file - frames, 2**16)
-    if size and (structure.get_word(5) == _LONG or (turns and not rest)):
+    if structure.get_word(5) == _LONG or (in_file - frames) % 2**16 == 0:
         _warn(structure, f"it says {frames} frames and holds {in_file}; all are read")
         return in_file
-    if size >= kind.size:
-        _warn(structure, f"it goes on for {size} bytes behind its last frame; these are not read")
+    _warn(structure, f"it goes on for {size} bytes behind its last frame; these are not read")
     return frames
 
 

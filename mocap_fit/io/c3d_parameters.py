@@ -78,7 +78,8 @@ def decode(data: bytes, kind: int, processor: int) -> NDArray[Any]:
     if kind == 4 and processor == DEC:
         # The words of a float stand the other way round, and its exponent is larger by 2.
         words = np.frombuffer(data, dtype="<u2").reshape(-1, 2)
-        return words[:, ::-1].copy().reshape(-1).view("<f4") / np.float32(4)
+        with np.errstate(all="ignore"):
+            return words[:, ::-1].copy().reshape(-1).view("<f4") / np.float32(4)
     return np.frombuffer(data, dtype=(">" if processor == MIPS else "<") + _NUMERIC[kind])
 
 

@@ -384,6 +384,15 @@ def test_a_trial_of_another_length(floats: bool, file: Path) -> None:
 
 
 @every_kind
+def test_a_header_with_too_few_frames(floats: bool, file: Path) -> None:
+    """What the parameters and the length of the file agree on is taken."""
+    content = c3d(TRUTH, floats=floats, header={5: 5})
+    check(read_warned(file, content, r"header says 5 frames and POINT:FRAMES 8; 8 are read"))
+    content = c3d(count_up(36220), labels=["a"], floats=floats, scale=1.0, header={5: 32767})
+    assert read_warned(file, content, r"and POINT:FRAMES 36220; 36220 are read").frames == 36220
+
+
+@every_kind
 def test_a_header_with_too_many_frames(floats: bool, file: Path) -> None:
     content = c3d(TRUTH, floats=floats, header={5: 9}, padded=False)
     check(read_warned(file, content, r"header says 9 frames and POINT:FRAMES 8; 8 are read"))
