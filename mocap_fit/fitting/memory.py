@@ -93,18 +93,19 @@ def check_memory(
     """
     needed = estimate_memory(frames, markers, smooth=smooth)
     free = free_memory() if free is None else free
-    if free is not None and needed * processes > free:
-        size, limit = f"{needed / 2**30:.1f} GB", f"{free / 2**30:.1f} GB"
+    # Processes may share what the program takes.
+    total = _PROGRAM + processes * (needed - _PROGRAM)
+    if free is not None and total > free:
+        size = f"{total / 2**30:.1f} GB for {frames} frames of {markers} markers"
         advice = "it a part at a time: mocap-fit fit with --between START-END."
         if processes > 1:
             size += f" in each of {processes} processes"
-            limit += " for all"
             advice = f"it with fewer than --jobs {processes}, or {advice}"
         raise DataError(
             "the recording needs more memory than is free",
             path=path,
-            found=f"{size} for {frames} frames of {markers} markers",
-            expected=f"at most {limit}",
+            found=size,
+            expected=f"at most {free / 2**30:.1f} GB",
             advice=f"Fit {advice}",
         )
     return needed

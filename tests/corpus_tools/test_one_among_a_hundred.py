@@ -19,7 +19,7 @@ pytestmark = [
 
 PROGRAM = "import sys; from corpus_tools.cli.app import main; sys.exit(main())"
 # Of the good ones, for commands that take longer.
-FEWER = 30
+FEWER = 20
 PLUG_IN = Path(__file__).parent / "plug_in"
 # What reading them does, and a part of what is said of it.
 RAISING = {
@@ -132,7 +132,7 @@ def test_validate(jobs, good, tmp_path):
     (note,) = [f for f in report["findings"] if f["code"] == "MF003" and "bad_" in f["found"]]
     assert all(name in note["found"] for name in unknown)
     errors = {f["utterance"]: f"{f['file']}: {f['found']}" for f in findings}
-    check_errors(errors, {name: words.replace("(found", "(") for name, words in said.items()})
+    check_errors(errors, {name: words.replace("(found ", "(") for name, words in said.items()})
     assert [f for f in report["findings"] if f not in [*findings, note]] == expected["findings"]
 
 
@@ -148,7 +148,7 @@ def test_info(good, tmp_path):
 
 @pytest.fixture(scope="module")
 def hundred(lab, tmp_path_factory):
-    """A lab with many equal sentences; the first is spoken at another rate than the manifest's."""
+    """A lab with many equal sentences."""
     folder = tmp_path_factory.mktemp("hundred") / "lab"
     shutil.copytree(lab, folder, ignore=shutil.ignore_patterns("truth", "sim*"))
     manifest = (
@@ -170,13 +170,11 @@ def test_convert(jobs, hundred, lab, tmp_path):
     folder = Path(shutil.copytree(folder, tmp_path / "lab", copy_function=os.link))
     kinds = RAISING if jobs == 1 else RAISING | DYING
     said = write_bad(folder / "recordings", folder / "recordings" / "good00.tsv", kinds)
-    said |= {"bad_marker": "", "bad_sound": "", "bad_labels": "", "bad_hertz": "found 50 Hz"}
+    said |= {"bad_marker": "", "bad_sound": "", "bad_labels": ""}
+    # The manifest's rate takes its place.
+    del said["bad_rate"]
     for name in ("bad_sound", "bad_labels"):
         os.link(folder / "recordings" / "good00.tsv", folder / "recordings" / f"{name}.tsv")
-    text = (folder / "recordings" / "good00.tsv").read_text("utf-8")
-    (folder / "recordings" / "bad_hertz.tsv").write_text(
-        text.replace("FREQUENCY\t30", "FREQUENCY\t50")
-    )
     for name in said:
         for part, ending in (("labels", "TextGrid"), ("sound", "wav")):
             path = folder / part / f"{name}.{ending}"

@@ -12,6 +12,7 @@ import pytest
 from corpus_tools.cli import app as cli
 from mocap_fit.corpus import open_corpus
 from mocap_fit.errors import FileFormatError
+from mocap_fit.fitting import estimate_memory
 from mocap_fit.io import read_tracks, write_qualisys_tsv
 from mocap_fit.sound import read_sound, write_sound
 
@@ -372,7 +373,9 @@ def test_recordings_that_need_more_memory_than_is_free(own, monkeypatch, capsys)
 def test_processes_share_the_memory_that_is_free(own, monkeypatch, capsys):
     """Enough for one, and not for two."""
     lab, corpus = own
-    monkeypatch.setattr("corpus_tools.batch.run.free_memory", lambda: 500 * 2**20)
+    longest = max(read_tracks(path).frames for path in (lab / "recordings").iterdir())
+    free = estimate_memory(longest, 35) + 1000
+    monkeypatch.setattr("corpus_tools.batch.run.free_memory", lambda: free)
     assert convert(lab, corpus, "--fresh", "--json", "--jobs", 2) == 1
     errors = [u["error"] for u in json.loads(capsys.readouterr().out)["utterances"]]
     assert len(errors) == 3
