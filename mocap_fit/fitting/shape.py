@@ -346,7 +346,7 @@ def _choose_solver(
             f"the solver '{solver}' is not available for this rig or machine, or with a refined "
             f"pose; nlopt's {algorithm} is used",
             MocapFitWarning,
-            stacklevel=4,
+            stacklevel=3,
         )
     return NloptSolver(
         *problem,

@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from mocap_fit.errors import ConfigurationError, DataError
+from mocap_fit.errors import ConfigurationError, DataError, MocapFitWarning
 from mocap_fit.fitting import Binding, fit_shape
 from mocap_fit.fitting.objective import OBJECTIVES
+from mocap_fit.fitting.shape import compute_root_mean_square
 from mocap_fit.fitting.solving import SOLVERS, STATUS
 
 WITHIN = st.lists(st.floats(-0.3, 1.2), min_size=10, max_size=10).map(np.array)
@@ -270,3 +271,32 @@ def test_pose_refinement_needs_head_markers(binding: Binding, make_tracks, some_
     )
     with pytest.raises(ConfigurationError, match="head markers"):
         fit_shape(bare, make_tracks(binding, some_values), refine_pose=True)
+
+
+def test_the_residual_of_a_frame_is_the_root_mean_square_of_what_is_seen():
+    distances = np.array([[3.0, 4.0, np.nan], [0.5, 0.5, 0.5], [np.nan] * 3])
+    found = compute_root_mean_square(distances)
+    np.testing.assert_allclose(found, [np.sqrt(12.5), 0.5, np.nan])
+
+
+def test_progress_is_told_every_512_frames(binding: Binding, make_tracks, some_values):
+    recording = make_tracks(binding, np.tile(some_values, (2, 1)))
+    long = recording.replace(positions=np.tile(recording.positions[:1], (1030, 1, 1)), origin=None)
+    steps = []
+    fit = fit_shape(binding, long, objective="squares", progress=steps.append)
+    assert steps == [512, 1024, 1030]
+    np.testing.assert_allclose(fit.parameters.values, np.tile(some_values, (1030, 1)), atol=1e-4)
+
+
+def test_a_solver_that_is_not_to_be_had_is_warned_of_where_it_was_asked_for(
+    binding: Binding, make_tracks, some_values
+):
+    with pytest.warns(MocapFitWarning, match="'newton' is not available") as caught:
+        fit_shape(
+            binding,
+            make_tracks(binding, some_values),
+            solver="newton",
+            refine_pose=True,
+            maximum_evaluations=3,
+        )
+    assert [warning.filename for warning in caught] == [__file__]

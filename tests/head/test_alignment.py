@@ -150,5 +150,6 @@ def test_angles_are_between_0_and_180_degrees():
     for degrees in (0.0, 1.0, 90.0, 135.0, 180.0):
         matrix = Rotation.from_rotvec([0, 0, degrees], degrees=True).as_matrix()
         assert compute_angle(matrix) == pytest.approx(degrees, abs=1e-5)
-    # Rounding takes the cosine beyond 1.
+    # Rounding takes the cosine beyond 1 and -1.
     assert compute_angle(np.eye(3) * (1 + 1e-15)) == 0.0
+    assert compute_angle(np.diag([1.0, -1.0, -1.0]) * (1 + 1e-15)) == 180.0
