@@ -223,6 +223,10 @@ def _list_cells(line: str, separator: Separator) -> list[tuple[int, str]]:
 
 def _locate_markers(filled: list[tuple[int, str]], axes: list[int], row: list[str]) -> _Markers:
     """Determine which trajectories the names stand above, from the first row of numbers."""
+    columns, names = zip(*filled, strict=True)
+    if names[::3] == names[1::3] == names[2::3] and columns[-1] - columns[0] == len(names) - 1:
+        # The name stands above each of the three axes.
+        filled = filled[::3]
     start = axes[0] if axes and not "".join(row[2 : axes[0]]).strip() else 2
     start = max(start, 2)
     steps, rest = np.divmod(np.array([column for column, _ in filled]) - start, 3)

@@ -122,6 +122,20 @@ def test_names_with_a_single_tab_between_them(tmp_path: Path) -> None:
     check(save(tmp_path / "a.trc", lines), NAMES, values)
 
 
+def test_names_above_every_axis(tmp_path: Path) -> None:
+    values = draw(NAMES)
+    lines = compose(NAMES, values)
+    lines[3] = ["Frame#", "Time", *(name for name in NAMES for _ in range(3))]
+    check(save(tmp_path / "a.trc", lines), NAMES, values)
+
+
+def test_utf_16(tmp_path: Path) -> None:
+    values = draw(NAMES)
+    path = save(tmp_path / "a.trc", compose(NAMES, values))
+    path.write_bytes(path.read_text().encode("utf-16"))
+    check(path, NAMES, values)
+
+
 def test_a_blank_column_before_the_first_marker(tmp_path: Path) -> None:
     values = draw(NAMES)
     lines = [*compose(NAMES, values)]
