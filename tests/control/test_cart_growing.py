@@ -360,3 +360,17 @@ def test_standard_errors_are_those_of_a_mean():
     squares = rng.normal(0, 1, (3, 200)) ** 2
     curve = PruningCurve(np.arange(3.0), squares.sum(1), (squares**2).sum(1), 200)
     np.testing.assert_allclose(curve.standard_errors, squares.std(axis=1) / np.sqrt(200))
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+def test_the_unit_of_the_targets_does_not_matter(scale):
+    """Least errors are shares of the tree's own, and of the rounding of its mean."""
+    sample = structured()
+    one = grow(sample, TABLE, Rules(10))
+    other = grow(sample._replace(targets=scale * sample.targets), TABLE, Rules(10))
+    for name in ("questions", "children", "counts", "sides"):
+        np.testing.assert_array_equal(getattr(other, name), getattr(one, name), err_msg=name)
+    np.testing.assert_allclose(other.means, scale * one.means, rtol=1e-9)
+    np.testing.assert_allclose(other.errors, scale**2 * one.errors, rtol=1e-6)
+    np.testing.assert_allclose(other.gains, scale**2 * one.gains, rtol=1e-6)
+    np.testing.assert_allclose(strengths(other), strengths(one), rtol=1e-6)
