@@ -61,7 +61,7 @@ def test_expected_markers_are_not_measured(recordings: Path, made: ModuleType) -
 
 
 @settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(data=st.data())
 def test_every_version_and_order_of_columns(

@@ -63,7 +63,7 @@ def test_every_variant_gives_the_truth(name: str, recordings: Path, made: Module
 
 
 @settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(data=st.data())
 def test_sections_around_the_trajectories(

@@ -149,7 +149,7 @@ def test_a_blank_column_before_the_first_marker(tmp_path: Path) -> None:
 
 
 @settings(
-    max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(data=st.data())
 def test_trajectories_without_a_name_are_left_out(data: st.DataObject, tmp_path: Path) -> None:
