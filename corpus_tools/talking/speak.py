@@ -14,7 +14,7 @@ from corpus_tools.talking.lips import list_events, measure_lips
 from corpus_tools.tasks import TaskProgress, count_steps
 from mocap_fit.atomic_file import make_folder
 from mocap_fit.control import ControlModel
-from mocap_fit.errors import ConfigurationError, FileFormatError
+from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
 from mocap_fit.face import load_face
 from mocap_fit.face.rig import Rig
 from mocap_fit.phones import PhoneSequence, PhoneSet, list_phone_sets, load_phone_set
@@ -285,6 +285,8 @@ def _collect(
     source: Source, models: list[str], rig: Rig, progress: TaskProgress | None
 ) -> tuple[_Speech, list[ControlModel]]:
     """Return what there is to hear and to move, and the models that are to move it."""
+    from mocap_fit.render.movie import MAX_DURATION
+
     speech = _Speech()
     if source.tracks is not None:
         speech.heads[MEASURED] = read_parameters(source.tracks)
@@ -308,6 +310,15 @@ def _collect(
         speech.phones, speech.sound = _speak_text(source, chosen)
     else:
         speech.phones = _read_labels(source, chosen)
+        # Before the frames of a wrong time fill the memory.
+        if speech.phones and speech.phones[-1].end > MAX_DURATION:
+            raise DataError(
+                "the labels last longer than a movie may",
+                path=source.labels,
+                found=f"{speech.phones[-1].end:g} s",
+                expected=f"at most {MAX_DURATION:g} s",
+                advice="Check their times, or give a part of them.",
+            )
     return speech, chosen
 
 

@@ -15,6 +15,9 @@ from mocap_fit.phones import PhoneSegment
 
 _EXPECTED = 'START END PHONE [STRESS], or {"start": …, "end": …, "phone": …}'
 
+# Seconds.
+_LONGEST = 600.0
+
 
 def stream(
     model: str,
@@ -103,11 +106,27 @@ class _Reader:
 
     def read_utterance(self) -> Iterator[PhoneSegment]:
         """Yield the phones until the next empty line, each as soon as its line is there."""
+        end = None
         for text in self._lines:
             self.line += 1
-            if not text.strip():
+            # Windows begins files with a byte order mark.
+            text = text.removeprefix("\ufeff").strip()
+            if not text:
                 return
-            yield _parse_segment(text.strip(), self.line)
+            segment = _parse_segment(text, self.line)
+            # All frames until its end are computed at once.
+            length = segment.end - (segment.start if end is None else end)
+            if length > _LONGEST:
+                raise FileFormatError(
+                    "the phone ends too long after the one before",
+                    path="stdin",
+                    line=self.line,
+                    found=f"{length:g} s",
+                    expected=f"at most {_LONGEST:g} s",
+                    advice="Times are in seconds. An empty line ends an utterance.",
+                )
+            end = segment.end
+            yield segment
         self.ended = True
 
 

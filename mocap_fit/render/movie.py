@@ -33,8 +33,8 @@ _PAPER = 255
 _ZOOM = 1.3
 # Phones on either side of the current one, in the subtitles.
 _NEIGHBOURS = 4
-# Seconds.
-_MAX_DURATION = 3600.0
+MAX_DURATION = 3600.0
+"""Seconds: a movie is not longer."""
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ def render_movie(
     rig = _load_rig(face)
     speech = read_sound(sound) if isinstance(sound, str | os.PathLike) else sound
     start, end = _find_extent(heads, speech) if extent is None else extent
-    if end - start > _MAX_DURATION:
+    if end - start > MAX_DURATION:
         raise DataError(
             "the movie would last longer than an hour",
             found=f"{end - start:.0f} s",

@@ -163,6 +163,13 @@ class TestText:
 
 
 class TestLabelsAndTracks:
+    def test_labels_of_days_are_refused_before_their_frames_are_computed(self, tmp_path, capsys):
+        phones = PhoneSequence((PhoneSegment(0, 1, "AA"), PhoneSegment(1, 9e5, "sil")))
+        write_labels(to_labels(phones), tmp_path / "days.TextGrid")
+        call = ["speak", "--labels", tmp_path / "days.TextGrid", "--out", tmp_path / "a"]
+        assert run(*call, *SMALL) == 1
+        assert "days.TextGrid: the labels last longer than a movie may" in one_line(capsys)
+
     def test_labels_with_their_sound(self, tmp_path, labels, capsys):
         out = tmp_path / "a.mp4"
         call = ["speak", "--labels", labels, "--audio", tmp_path / "said.wav", "--lang", "en"]
@@ -363,6 +370,16 @@ class TestStream:
         once = self.frames(self.PLAIN, rate=20)
         assert self.frames(f"{self.PLAIN}\n{self.PLAIN}\n\n", rate=20) == once + once
         assert self.frames("") == []
+
+    @pytest.mark.parametrize(
+        "text", ["0 1e9 AA", "0 1e308 AA", "-1e9 0 AA", "0 0.1 AA\n1e9 1000000001 AA"]
+    )
+    def test_frames_for_hours_are_refused_before_they_are_computed(self, text):
+        with pytest.raises(FileFormatError, match="too long after the one before"):
+            self.frames(text)
+
+    def test_times_may_begin_anywhere_and_the_file_with_a_mark(self):
+        assert len(self.frames("\ufeff5000 5000.1 AA\n", rate=20)) == 2
 
     @pytest.mark.parametrize(
         "wrong", ["0.5", "a b c", "0 1 B 1 2", '{"start": 1}', "{", '{"start":0,"end":1,"phone":3}']
