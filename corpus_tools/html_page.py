@@ -7,6 +7,8 @@ import html
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from mocap_fit.plain_text import escape_controls
+
 _TYPES = {".png": "image/png", ".svg": "image/svg+xml", ".gif": "image/gif", ".mp4": "video/mp4"}
 _STYLE = """
 :root { color-scheme: light; }
@@ -41,7 +43,7 @@ def format_page(title: str, parts: Iterable[str]) -> str:
     """
     escaped = html.escape(title)
     body = "\n".join(parts)
-    return (
+    return escape_controls(
         f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta name="viewport" content="width=device-width">\n<title>{escaped}</title>\n'
         f"<style>{_STYLE}</style>\n</head>\n<body>\n<h1>{escaped}</h1>\n{body}\n</body>\n</html>\n"

@@ -14,6 +14,7 @@ from mocap_fit.errors import (
     MocapFitError,
     from_os_error,
 )
+from mocap_fit.plain_text import to_unicode
 
 
 @contextlib.contextmanager
@@ -102,7 +103,7 @@ def write_text(path: str | os.PathLike[str], text: str, noun: str = "file") -> N
         If the file cannot be written.
     """
     with write_atomically(path, noun) as partial:
-        partial.write_text(text, encoding="utf-8", newline="\n")
+        partial.write_text(to_unicode(text), encoding="utf-8", newline="\n")
 
 
 def make_folder(path: str | os.PathLike[str]) -> None:

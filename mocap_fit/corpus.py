@@ -21,7 +21,7 @@ from typing import Any, Self
 
 from pydantic import ConfigDict, Field
 
-from mocap_fit.atomic_file import write_atomically
+from mocap_fit.atomic_file import write_text
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, MissingFileError
 from mocap_fit.phones import PhoneSet, load_phone_set, write_phones
 from mocap_fit.settings_file import StrictModel, read_toml, validate_settings
@@ -422,8 +422,7 @@ def write_corpus(corpus: Corpus, folder: Path, phone_set_file: str | None = None
     }
     if corpus.rate is not None:
         content["rate"] = corpus.rate
-    with write_atomically(folder / DESCRIPTION_FILE) as partial:
-        partial.write_text(tomli_w.dumps(content), encoding="utf-8", newline="\n")
+    write_text(folder / DESCRIPTION_FILE, tomli_w.dumps(content))
 
 
 def save_corpus(corpus: Corpus, folder: str | os.PathLike[str]) -> None:

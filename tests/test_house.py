@@ -21,6 +21,7 @@ ROOMS = {
     "mocap_fit": (
         "_version",
         "errors",
+        "plain_text",
         "registry",
         "atomic_file",
         "size_limit",

@@ -53,6 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         0 done, 1 the data is bad, 2 the call is wrong.
     """
+    console.open_standard_streams()
     for stream in (sys.stdout, sys.stderr):
         # The terminal may not be able to show the name of a marker, above all on Windows.
         reconfigure = getattr(stream, "reconfigure", None)

@@ -18,6 +18,7 @@ from enum import IntEnum
 from typing import TYPE_CHECKING
 
 from mocap_fit.errors import MocapFitError, MocapFitWarning, describe_error, is_debugging
+from mocap_fit.plain_text import escape_controls
 
 if TYPE_CHECKING:
     from types import FrameType
@@ -95,6 +96,11 @@ def run_guarded(action: Callable[[], object]) -> int:
         status = _report_end(error)
     finally:
         _interrupts.clear()
+        # What cannot be written now would be tried again when the process ends.
+        try:
+            sys.stdout.flush()
+        except (OSError, ValueError):
+            _close_stdout_quietly()
     return int(status)
 
 
@@ -188,11 +194,13 @@ def say(text: str) -> None:
         The line.
     """
     line = f"{PROGRAM}: {to_printable(text)}"
-    try:
-        print(line, file=sys.stderr, flush=True)
-    except UnicodeEncodeError:
-        encoding = sys.stderr.encoding
-        print(line.encode(encoding, "backslashreplace").decode(encoding), file=sys.stderr)
+    # Where nothing can be said, that cannot be said either.
+    with contextlib.suppress(OSError):
+        try:
+            print(line, file=sys.stderr, flush=True)
+        except UnicodeEncodeError:
+            encoding = sys.stderr.encoding
+            print(line.encode(encoding, "backslashreplace").decode(encoding), file=sys.stderr)
 
 
 def to_printable(text: str) -> str:
@@ -208,11 +216,7 @@ def to_printable(text: str) -> str:
     str
         The line.
     """
-    line = " ".join(text.split())
-    return "".join(
-        character if character.isprintable() else character.encode("unicode_escape").decode()
-        for character in line
-    )
+    return escape_controls(" ".join(text.split()))
 
 
 @contextlib.contextmanager
@@ -243,9 +247,8 @@ def show_warnings() -> Iterator[None]:
 
     with warnings.catch_warnings():
         if not is_debugging():
-            # These are for the programmers of libraries.
-            warnings.simplefilter("ignore", DeprecationWarning)
-            warnings.simplefilter("ignore", FutureWarning)
+            # Those of libraries are for programmers.
+            warnings.simplefilter("ignore")
         # Python shows a warning once per line of code; two files may have the same fault.
         warnings.simplefilter("always", MocapFitWarning)
         warnings.showwarning = show
@@ -259,6 +262,21 @@ def _to_exit_status(code: str | int | None) -> int:
         return code
     say(code)
     return Status.BAD_DATA
+
+
+def open_standard_streams() -> None:
+    """Open those of the three standard streams that whoever started the process has closed.
+
+    A file that is opened later would take the place of a closed one, with what is printed in it.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    sys.stdin = sys.stdin or open(os.devnull)  # noqa: SIM115
+    sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115
+    sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
 
 
 def _close_stdout_quietly() -> None:

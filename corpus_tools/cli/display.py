@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 from corpus_tools.cli import console
 from corpus_tools.json_file import format_json
 from corpus_tools.tasks import TaskProgress
+from mocap_fit.plain_text import escape_controls
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -82,8 +83,10 @@ def create_screen() -> Console:
 
     class Screen(Console):
         def print(self, *objects: Any, **options: Any) -> None:
+            # Names of files and markers may hold what a terminal obeys.
+            shown = [escape_controls(each) if isinstance(each, str) else each for each in objects]
             # A table that is too wide runs over the edge; rich would cut it off.
-            super().print(*objects, **{"crop": False, **options})
+            super().print(*shown, **{"crop": False, **options})
 
         def _raise_reader_gone(self) -> None:
             raise console.ReaderGoneError
@@ -132,7 +135,7 @@ def create_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
         justify: Literal["left", "right"] = "right" if i else "left"
         table.add_column(name, justify=justify, min_width=widest, overflow="fold")
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(console.to_printable, row))
     return table
 
 

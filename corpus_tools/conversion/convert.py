@@ -121,7 +121,7 @@ def convert(
             for line in format_messages(results):
                 warnings.warn(line.partition(": ")[2], MocapFitWarning, stacklevel=2)
             raise
-    unlisted = set(list_recordings(settings, base)) - {entry.id for entry in entries}
+    unlisted = set(list_recordings(settings, base)) - {entry.stem for entry in entries}
     seconds = time.perf_counter() - began
     return ConversionReport(folder, entries, results, sorted(unlisted), removed, seconds)
 

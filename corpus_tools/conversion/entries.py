@@ -13,6 +13,7 @@ from typing import Any
 from corpus_tools.conversion.manifest import NAME, Manifest, Splits
 from mocap_fit.corpus import draw_fraction
 from mocap_fit.errors import ConfigurationError, from_os_error
+from mocap_fit.plain_text import to_unicode
 
 _COLUMNS = ("utterance", "split", "text", "speaker", "session")
 
@@ -25,6 +26,8 @@ class Entry:
     ----------
     id
         Name of the utterance.
+    stem
+        What its files have in place of ``{id}``: the same, if it is text.
     speaker
         Name of its speaker.
     session
@@ -40,6 +43,7 @@ class Entry:
     """
 
     id: str
+    stem: str
     speaker: str
     session: str
     split: str
@@ -211,4 +215,4 @@ def _make_entry(manifest: Manifest, row: dict[str, str], where: dict[str, Any]) 
             reference = special.reference or reference
             start_time = start_time if special.start_time is None else special.start_time
     split, text = row.get("split", ""), row.get("text", "")
-    return Entry(name, speaker, session, split, text, reference, start_time)
+    return Entry(to_unicode(name), name, speaker, session, split, text, reference, start_time)

@@ -119,7 +119,7 @@ class _FitJob:
         parts = [self.fingerprint_of_all, read, name, sums[name]]
         if self.between is not None:
             parts += map(repr, self.between)
-        return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+        return hashlib.sha256(os.fsencode("\0".join(parts))).hexdigest()
 
     def is_complete(self, item: Item, out: Path, figures: Mapping[str, Any]) -> bool:
         return figures.keys() >= set(_REPORTED)

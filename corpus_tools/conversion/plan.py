@@ -256,7 +256,7 @@ _MISSING = {
 def _find_files(manifest: Manifest, entry: Entry, finder: _Finder) -> UtteranceItem:
     sources: list[str] = []
     for part, (problem, advice) in _MISSING.items():
-        pattern: str = getattr(manifest, part).pattern.replace("{id}", entry.id)
+        pattern: str = getattr(manifest, part).pattern.replace("{id}", entry.stem)
         path = finder.find(pattern)
         if path is not None:
             sources.append(path)

@@ -28,6 +28,7 @@ from mocap_fit.atomic_file import write_atomically
 from mocap_fit.errors import DataError, MocapFitWarning, add_path
 from mocap_fit.fitting.memory import check_memory
 from mocap_fit.phones import write_phones
+from mocap_fit.plain_text import to_unicode
 from mocap_fit.sound import Sound, is_plain_wav, read_sound, write_sound
 from mocap_fit.tracks import write_parquet
 
@@ -161,7 +162,7 @@ class ConversionJob:
                 "residual_mm": float(np.median(result.parameters.residuals[fitted])),
                 "head_residual_mm": float(np.nanmedian(motion.residuals)),
                 "sync": sync,
-                "sources": list(item.sources),
+                "sources": [to_unicode(source) for source in item.sources],
                 "checks": [*describe_clock(sync, recording.frames), *checks],
             }
             if item.sound is not None and speech is not None:

@@ -15,6 +15,7 @@ import numpy as np
 from mocap_fit.atomic_file import write_atomically
 from mocap_fit.errors import FileFormatError, MocapFitError, from_os_error
 from mocap_fit.parsing import parse_json
+from mocap_fit.plain_text import to_unicode
 from mocap_fit.size_limit import check_size
 
 FORMAT_VERSION = 2
@@ -43,7 +44,7 @@ def write_model_file(
         If the file cannot be written.
     """
     text = json.dumps({"format_version": FORMAT_VERSION, **header}, ensure_ascii=False)
-    content = np.frombuffer(text.encode(), dtype=np.uint8)
+    content = np.frombuffer(to_unicode(text).encode(), dtype=np.uint8)
     with write_atomically(path, "model") as partial, open(partial, "wb") as stream:
         np.savez(stream, allow_pickle=False, **{_HEADER: content}, **arrays)
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.errors import DataError
+from mocap_fit.plain_text import to_unicode
 from mocap_fit.tracks import FloatArray, Provenance, Step
 
 # Phones that the representation of a sequence lists.
@@ -109,6 +110,7 @@ class PhoneSequence:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "segments", tuple(self.segments))
+        object.__setattr__(self, "name", to_unicode(self.name))
         object.__setattr__(self, "provenance", tuple(self.provenance))
         for before, after in zip(self.segments, self.segments[1:], strict=False):
             if after.start < before.end:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mocap_fit.errors import DataError, shorten
+from mocap_fit.plain_text import to_unicode
 from mocap_fit.tracks.arrays import FloatArray, TrackArray
 from mocap_fit.tracks.interpolation import interpolate
 from mocap_fit.tracks.provenance import Event, Provenance, Step
@@ -80,7 +81,8 @@ class Tracks:
         object.__setattr__(self, attribute, array)
 
     def _check_names_and_times(self) -> None:
-        object.__setattr__(self, "names", tuple(str(name) for name in self.names))
+        object.__setattr__(self, "names", tuple(to_unicode(str(name)) for name in self.names))
+        object.__setattr__(self, "name", to_unicode(self.name))
         object.__setattr__(self, "provenance", tuple(self.provenance))
         object.__setattr__(self, "events", tuple(self.events))
         duplicates = sorted(n for n, count in Counter(self.names).items() if count > 1)

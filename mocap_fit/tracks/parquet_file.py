@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from mocap_fit.atomic_file import write_atomically
 from mocap_fit.errors import DataError, FileFormatError, from_os_error
 from mocap_fit.parsing import parse_json
+from mocap_fit.plain_text import to_unicode
 from mocap_fit.size_limit import check_size
 
 if TYPE_CHECKING:
@@ -50,10 +51,11 @@ def write_table(
     text = json.dumps(
         {"format_version": FORMAT_VERSION, **description}, sort_keys=True, ensure_ascii=False
     )
-    table = pa.table(dict(columns)).replace_schema_metadata({_KEY: text.encode()})
-    with write_atomically(path) as partial:
+    table = pa.table(dict(columns)).replace_schema_metadata({_KEY: to_unicode(text).encode()})
+    # A stream, as the name of the file may not be UTF-8.
+    with write_atomically(path) as partial, open(partial, "wb") as stream:
         pq.write_table(
-            table, partial, compression="zstd", write_page_checksum=True, row_group_size=_ROW_GROUP
+            table, stream, compression="zstd", write_page_checksum=True, row_group_size=_ROW_GROUP
         )
 
 
@@ -151,9 +153,10 @@ def read_table(
 
 
 def _read_columns(stream: BinaryIO, path: str | os.PathLike[str]) -> pa.Table:
-    """Read all columns, texts as dictionaries, unless they are larger than what may be read.
+    """Read all columns, unless they are larger than what may be read.
 
-    Equal values have next to no bytes in the file, however many or long they are.
+    Equal values have next to no bytes in the file, however many or long they are: texts are first
+    read as dictionaries.
     """
     import pyarrow as pa
     import pyarrow.compute as pc

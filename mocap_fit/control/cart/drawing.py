@@ -9,7 +9,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from mocap_fit.atomic_file import write_atomically
+from mocap_fit.atomic_file import write_text
 from mocap_fit.control.cart.inspecting import describe_branches, get_question_name, name_pool
 from mocap_fit.control.cart.model import Cart
 from mocap_fit.control.cart.tree import Tree, TreeKey
@@ -155,8 +155,7 @@ def write_tree(model: Cart, key: TreeKey, path: str | os.PathLike[str]) -> None:
     FileFormatError
         If the file cannot be written.
     """
-    with write_atomically(path, "picture") as partial:
-        partial.write_text(export_svg(model, key), encoding="utf-8", newline="\n")
+    write_text(path, export_svg(model, key), "picture")
 
 
 _BOLD, _ITALIC = ' font-weight="bold"', ' font-style="italic" fill="#333"'
