@@ -79,7 +79,8 @@ def folder(tmp_path):
     """The sample session under names that are no text."""
     for sample in ("take_01.tsv", "take_01.wav", "take_01.TextGrid", "rest.tsv"):
         stem = NAME if sample.startswith("take") else f"rest{NAME}"
-        shutil.copy(load_sample(sample.removesuffix(".tsv")), tmp_path / f"{stem}.{sample.partition('.')[2]}")
+        source = load_sample(sample.removesuffix(".tsv"))
+        shutil.copy(source, tmp_path / f"{stem}.{sample.partition('.')[2]}")
     return tmp_path
 
 
