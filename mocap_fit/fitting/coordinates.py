@@ -15,7 +15,6 @@ import numpy as np
 from mocap_fit.errors import ConfigurationError, DataError, MocapFitWarning
 from mocap_fit.fitting.layout import Layout
 from mocap_fit.head.alignment import (
-    Alignment,
     align_shapes,
     compute_angle,
     describe_axes,
@@ -26,7 +25,12 @@ from mocap_fit.head.alignment import (
 )
 from mocap_fit.head.reference import compute_median_pose
 from mocap_fit.tracks import FloatArray, MarkerTracks
-from mocap_fit.tracks.rigid import compute_spread, estimate_similarity_transform
+from mocap_fit.tracks.rigid import (
+    compute_spread,
+    estimate_rigid_transforms,
+    estimate_similarity_transform,
+    project_to_rotations,
+)
 from mocap_fit.tracks.rigid_sets import compute_typical_shape
 from mocap_fit.tracks.robust import sample_evenly
 
@@ -176,7 +180,10 @@ def check_recording(
             find_reflection(fit.matrix).T,
             allow_mirrored,
         )
-    _compare(fit, layout.size_varies)
+    if not layout.size_varies:
+        _check_size(fit.scale)
+    if compute_angle(fit.matrix) > _TURNED:
+        _check_axes(fit.scale * points, positions)
     return recording
 
 
@@ -231,20 +238,25 @@ def _check_face_size(ratio: float, varies: bool, name: str) -> None:
         _warn(f"{name}: the reference pose has an unusual size: {text}, usual are {expected}")
 
 
-def _compare(fit: Alignment, varies: bool) -> None:
-    """Warn of another size or other axes than those of the reference pose."""
+def _check_size(ratio: float) -> None:
     # Where the unit is wrong, the head's motion is refused, in words.
-    if not varies and _SAME_SIZE < abs(fit.scale - 1.0) < _OTHER_UNIT:
+    if _SAME_SIZE < abs(ratio - 1.0) < _OTHER_UNIT:
         _warn(
-            f"the recording is {fit.scale:.3g} times as large as the reference pose: are both of "
-            "the same speaker, and in the same unit?"
+            f"the recording is {ratio:.3g} times as large as the reference pose: are both of the "
+            "same speaker, and in the same unit?"
         )
-    angle = compute_angle(fit.matrix)
+
+
+def _check_axes(points: FloatArray, positions: FloatArray) -> None:
+    """Warn of axes that are exchanged; a head may turn as far in some frames, but not in most."""
+    rotations, _, residuals = estimate_rigid_transforms(points, positions)
+    middle = project_to_rotations(rotations[~np.isnan(residuals)].sum(axis=0))
+    angle = compute_angle(middle)
     if angle > _TURNED:
-        words = describe_axes(fit.matrix)[1]
         _warn(
-            f"the head is turned by {angle:.0f} degrees against the reference pose ({words}): "
-            "axes may be exchanged. That is removed with the motion of the head"
+            f"the head is turned by {angle:.0f} degrees against the reference pose "
+            f"({describe_axes(middle)[1]}): axes may be exchanged. That is removed with the motion "
+            "of the head"
         )
 
 

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 import mocap_fit as mf
+from corpus_tools.simulation import OTHER_SPEAKER, Conditions, Session
 from mocap_fit.errors import DataError, MocapFitWarning
+from mocap_fit.face import load_face
+from mocap_fit.face.builtin import load_built_in_head, reshape_head
 from mocap_fit.fitting import Layout, Speaker, fit_speaker, load_layout
 from mocap_fit.fitting.coordinates import check_recording, check_reference
 from mocap_fit.tracks import MarkerTracks
@@ -153,3 +156,51 @@ def test_few_markers_in_common(rest, take) -> None:
     )
     with pytest.warns(MocapFitWarning, match="cannot be tested"):
         assert check_reference(unplaced, rest) is rest
+
+
+@pytest.mark.parametrize("head", [None, OTHER_SPEAKER], ids=["the head itself", "another"])
+def test_no_good_take_is_refused_and_no_mirrored_one_passes(head, face, layout) -> None:
+    conditions = Conditions(noise=0.5, drop_outs=0.3, duration=1.0, head_rotation=0.5)
+    if head is not None:
+        face = load_face(mesh=reshape_head(load_built_in_head(), **head))
+    session = Session(layout, face, conditions)
+    first, *others = np.random.default_rng(1).spawn(5)
+    reference = session.record_reference(first)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", MocapFitWarning)
+        assert check_reference(layout, reference) is reference
+        for rng in others:
+            take = session.record(rng, "take").recording
+            assert check_recording(layout, reference, take) is take
+            with pytest.raises(DataError, match="mirror image"):
+                check_recording(layout, reference, turn(take, MIRRORS["all"]))
+    with pytest.raises(DataError, match="mirror image"):
+        check_reference(layout, turn(reference, MIRRORS["z"]))
+
+
+@pytest.mark.slow
+@pytest.mark.real_data
+def test_real_takes(data_folder) -> None:
+    folder = data_folder / "grid_s1"
+    layout = load_layout("grid_s1")
+    reference = mf.read_tracks(folder / "reference.tsv")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", MocapFitWarning)
+        assert check_reference(layout, reference) is reference
+        for path in sorted((folder / "tsv").iterdir()):
+            take = mf.read_tracks(path)
+            assert check_recording(layout, reference, take) is take
+            with pytest.raises(DataError, match="mirror image"):
+                check_recording(layout, reference, turn(take, MIRRORS["y and z"]))
+    body = mf.read_tracks(data_folder / "c3d" / "qtm2017_body_with_head_markers.c3d")
+    all_of_it = Layout.model_validate(
+        {
+            "name": "body",
+            "markers": [
+                {"name": name, "feature_point": "2.1", "orientation": True} for name in body.names
+            ],
+        }
+    )
+    start = body.between(body.start_time, body.start_time + 0.1)
+    for pose in (start, body):
+        assert check_recording(all_of_it, pose, body) is body

@@ -1,5 +1,6 @@
 """Names from labels: subjects, blank and doubled labels, renaming; the same in every format."""
 
+import sys
 import warnings
 from pathlib import Path
 
@@ -12,6 +13,9 @@ import mocap_fit as mf
 from mocap_fit.errors import DataError, FileFormatError, MocapFitWarning
 from mocap_fit.io.names import TrackNames, find_doubled, name_tracks, rename_tracks, suggest_names
 from mocap_fit.tracks import MarkerTracks
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "fixtures"))
+from c3d_files import c3d
 
 FILE = Path("take.x")
 
@@ -139,3 +143,72 @@ def test_near_names_are_suggested() -> None:
     assert suggest_names("Lip Upper", ["x", "lip_upper", "nose"]) == "Did you mean lip_upper?"
     assert suggest_names("Ann:chin", ["chin", "nose"]) == "Did you mean chin?"
     assert suggest_names("qqq", ["chin", "nose"]) is None
+
+
+POSITIONS = np.arange(48.0).reshape(4, 4, 3)
+
+
+def write_tsv(path: Path, labels: list[str]) -> None:
+    rows = ["\t".join(f"{v:.1f}" for v in frame.ravel()) for frame in POSITIONS]
+    head = ["NO_OF_FRAMES\t4", "NO_OF_MARKERS\t4", "FREQUENCY\t50", "DATA_INCLUDED\t3D"]
+    path.write_text("\n".join([*head, "\t".join(["MARKER_NAMES", *labels]), *rows]) + "\n")
+
+
+def write_trc(path: Path, labels: list[str]) -> None:
+    lines = [
+        f"PathFileType\t4\t(X/Y/Z)\t{path.name}",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits",
+        "50\t50\t4\t4\tmm",
+        "Frame#\tTime\t" + "\t\t\t".join(labels),
+        "\t\t" + "\t".join(f"{axis}{k + 1}" for k in range(4) for axis in "XYZ"),
+        "",
+    ]
+    for k, frame in enumerate(POSITIONS):
+        lines.append("\t".join([str(k + 1), f"{k / 50:.3f}", *(f"{v:.1f}" for v in frame.ravel())]))
+    path.write_text("\n".join(lines) + "\n")
+
+
+def write_csv(path: Path, labels: list[str]) -> None:
+    lines = [",".join(["time", *(f"{label}_{axis}" for label in labels for axis in "xyz")])]
+    for k, frame in enumerate(POSITIONS):
+        lines.append(",".join([f"{k / 50:.3f}", *(f"{v:.1f}" for v in frame.ravel())]))
+    path.write_text("\n".join(lines) + "\n")
+
+
+def write_c3d(path: Path, labels: list[str]) -> None:
+    path.write_bytes(c3d(POSITIONS, labels=labels, rate=50.0))
+
+
+WRITERS = {".tsv": write_tsv, ".trc": write_trc, ".csv": write_csv, ".c3d": write_c3d}
+LABELS: dict[str, tuple[list[str], list[str], dict[str, str]]] = {
+    "one subject": (["Ann:a", "Ann:b", "Ann:c", "Ann:d"], ["a", "b", "c", "d"], {}),
+    "and a stray": (["Ann:a", "Ann:b", "Ann:c", "*110"], ["a", "b", "c", "*110"], {}),
+    "two subjects": (["Ann:a", "Ann:b", "Bo:c", "Bo:d"], ["Ann:a", "Ann:b", "Bo:c", "Bo:d"], {}),
+    "one of two": (["Ann:a", "Bo:a", "Ann:b", "Bo:b"], ["a", "b"], {"subject": "Bo"}),
+    "doubled": (["a", "b", "a", "a_2"], ["a", "b", "a_3", "a_2"], {}),
+    "doubled of a subject": (["S:a", "S:b", "S:a", "S:c"], ["a", "b", "a_2", "c"], {}),
+    "from the caller": (["S:a", "S:a", "T:a", "a"], ["k", "l", "m", "n"], {}),
+}
+
+
+@pytest.mark.parametrize("kind", LABELS)
+@pytest.mark.parametrize("ending", WRITERS)
+def test_every_format_follows_the_same_rules(ending: str, kind: str, tmp_path: Path) -> None:
+    labels, names, options = LABELS[kind]
+    path = tmp_path / f"a{ending}"
+    WRITERS[ending](path, labels)
+    if kind == "from the caller":
+        options = {"names": names}  # type: ignore[dict-item]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        tracks = mf.read_tracks(path, **options)  # type: ignore[arg-type]
+    assert tracks.names == tuple(names)
+    assert len(caught) == ("doubled" in kind)
+    columns = [1, 3] if kind == "one of two" else [0, 1, 2, 3]
+    gaps = np.isnan(tracks.positions)
+    np.testing.assert_allclose(
+        np.where(gaps, 0, tracks.positions), np.where(gaps, 0, POSITIONS[:, columns])
+    )
+    if kind == "one of two":
+        with pytest.raises(FileFormatError, match=r"'a' of Ann and of Bo.*--subject"):
+            mf.read_tracks(path)
