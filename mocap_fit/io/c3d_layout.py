@@ -102,42 +102,48 @@ def determine_layout(structure: Structure) -> Layout:
     """
     kinds = _list_frame_kinds(structure)
     counts = _list_frame_counts(structure)
-    smallest = min(kind.size for kind in kinds)
     ends = [end - structure.data_start for end in structure.data_ends]
     # Where another section begins may be wrong too.
-    available = next((end for end in ends if counts[0] * smallest <= end), ends[-1])
-    frames = next((count for count in counts if count * smallest <= available), 0)
-    fits = [(available - frames * kind.size, kind) for kind in kinds]
-    left, kind = next(
-        (fit for fit in fits if 0 <= fit[0] <= BLOCK),
-        min((fit for fit in fits if fit[0] >= 0), key=lambda fit: fit[0], default=fits[0]),
-    )
+    available = next((end for end in ends if counts[0] * kinds[0].size <= end), ends[-1])
+    frames, kind = _fit_frames(counts, kinds, available)
+    left = available - frames * kind.size
     if frames == 0:
-        left, frames = -1, _count_remaining(structure, counts[0], kinds, available)
-    elif left > BLOCK and structure.get_word(5) == _LONG:
-        kind = kinds[0]
-        frames = _extend_count(structure, frames, kind, available)
-    elif left > BLOCK and len(kinds) > 1:
-        _warn(structure, "header and parameters contradict each other, and neither fills it")
-    elif left >= kind.size:
-        frames = _extend_count(structure, frames, kind, available)
-    if left >= 0:
+        frames = _count_remaining(structure, counts[0], kinds, available)
+    else:
+        if left > BLOCK and structure.get_word(5) == _LONG:
+            kind = kinds[0]
+            frames = _extend_count(structure, frames, kind, available)
+        elif left > BLOCK and len(kinds) > 1:
+            _warn(structure, "header and parameters contradict each other, and neither fills it")
+        elif left >= kind.size:
+            frames = _extend_count(structure, frames, kind, available)
         _warn_of_contradictions(structure, frames, kind.points)
     check_size(frames * kind.points * _MEMORY, path=structure.path)
     return Layout(frames, _find_first_frame(structure, frames), kind)
+
+
+def _fit_frames(counts: list[int], kinds: list[Frame], available: int) -> tuple[int, Frame]:
+    """Return the number of frames that fit a length, 0 where none does, and what a frame holds."""
+    left = {kind: available - counts[0] * kind.size for kind in kinds}
+    filling = [kind for kind in kinds if 0 <= left[kind] <= BLOCK]
+    if left[kinds[0]] >= 0:
+        fitting = [kind for kind in kinds if left[kind] >= 0]
+        return counts[0], (filling or sorted(fitting, key=lambda kind: left[kind]))[0]
+    count = next((count for count in counts if count * kinds[0].size <= available), 0)
+    if filling and not (count and available - count * kinds[0].size <= BLOCK):
+        return counts[0], filling[0]
+    return count, kinds[0]
 
 
 def _list_frame_kinds(structure: Structure) -> list[Frame]:
     """Return what a frame may hold, the most probable first."""
     points = [structure.get_word(2), structure.get_count("POINT", "USED") or 0]
     samples, per_frame = structure.get_word(3), structure.get_word(10)
-    channels = structure.get_count("ANALOG", "USED") or 0
+    channels = structure.get_count("ANALOG", "USED")
     ratio = structure.get_value("ANALOG", "RATE") / (structure.get_value("POINT", "RATE") or 1)
-    analog = [samples, channels * per_frame]
-    if samples == channels:
-        # Some programs write the number of channels for that of the samples.
-        analog.append(samples * per_frame)
-    if 1 <= ratio <= _LONG:
+    # Some programs write the number of channels for that of the samples.
+    analog = [samples, (samples if channels is None else channels) * per_frame]
+    if channels and 1 <= ratio <= _LONG:
         analog.append(channels * round(ratio))
     scales = (structure.get_float(7), structure.get_value("POINT", "SCALE"))
     # The sign of a scale says whether the numbers are floats.

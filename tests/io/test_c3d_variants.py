@@ -213,6 +213,25 @@ def test_analog_words_of_the_header_that_are_wrong(words: Any, floats: bool, fil
     check(read(file, c3d(TRUTH, floats=floats, **SIX, header=words)))
 
 
+@every_kind
+def test_channels_in_word_3_and_no_group_of_analog_data(floats: bool, file: Path) -> None:
+    names = ("USED", "RATE", "GEN_SCALE", "SCALE", "OFFSET")
+    changes = {("ANALOG", name): None for name in names}
+    long = np.tile(TRUTH, (20, 1, 1))
+    tracks = read(file, c3d(long, floats=floats, **SIX, changes=changes, header={3: 6}))
+    np.testing.assert_allclose(tracks.positions, long, atol=1e-4)
+
+
+@every_kind
+@pytest.mark.parametrize("cut", [30, 3000, 20000])
+def test_no_other_reading_of_a_file_that_is_cut_off(cut: int, floats: bool, file: Path) -> None:
+    """What contradicts the header might fit what is left by chance."""
+    long = np.tile(TRUTH, (40, 1, 1))
+    for used in (0, 3, 5):
+        content = c3d(long, floats=floats, **SIX, changes={("ANALOG", "USED"): used}, padded=False)
+        refuse(file, content[:-cut], r"contradict each other")
+
+
 @every_order
 @every_kind
 @pytest.mark.parametrize(("where", "count"), [("used", 5), ("used", 300), ("header", 9)])
