@@ -13,6 +13,7 @@ from corpus_tools.talking.speak import read_parameters
 from mocap_fit.atomic_file import remove_partials, write_text
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.face import load_face
+from mocap_fit.size_limit import check_size
 from mocap_fit.tracks import ParameterTracks
 
 Format = Literal["gltf", "fap", "csv"]
@@ -111,6 +112,9 @@ def export(
     remove_partials(file)
     parameters = read_parameters(Path(tracks))
     used = rate or parameters.rate
+    # The rate of a damaged file may be that of years.
+    numbers = parameters.duration * used * (len(parameters.names) + 1)
+    check_size(int(8 * numbers), path=tracks, noun="movement at this rate")
     if to == "csv":
         return ExportReport(file, to, used, _write_csv(parameters, file, rate))
     if to == "fap":

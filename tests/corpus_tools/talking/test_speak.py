@@ -405,6 +405,14 @@ class TestExport:
         assert json.loads(capsys.readouterr().out)["frames"] == 20
         assert out.stat().st_size > 500
 
+    def test_a_rate_of_years_is_refused(self, tmp_path, capsys):
+        made = ParameterTracks(("a",), 1e-6, np.zeros((20, 1)))
+        write_parquet(made, tmp_path / "x.parquet")
+        call = ["export", tmp_path / "x.parquet", "--to", "csv", "--out", tmp_path / "x.csv"]
+        assert run(*call, "--rate", 240) == 1
+        assert "claims to be larger" in one_line(capsys)
+        assert not (tmp_path / "x.csv").exists()
+
     def test_csv_holds_the_values_and_leaves_what_is_missing_empty(self, tmp_path):
         values = np.array([[0.1, 1.0], [np.nan, 0.5], [0.3, 0.0]])
         made = ParameterTracks(("a", "b"), 10, values, start_time=0.5)
