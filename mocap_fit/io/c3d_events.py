@@ -65,7 +65,7 @@ def read_events(structure: Structure) -> list[Event]:
 
 def _pair_times(numbers: list[float], dimensions: tuple[int, ...], used: int) -> list[float]:
     """Return times in seconds."""
-    if len(numbers) == used:
+    if len(numbers) == used and not (len(dimensions) == 2 and dimensions[0] == 2):
         return numbers
     minutes, seconds = numbers[::2], numbers[1::2]
     if len(dimensions) == 2 and dimensions[1] == 2 != dimensions[0]:

@@ -650,6 +650,10 @@ def test_events_that_say_less(file: Path) -> None:
     assert not read(file, content).events
     content = c3d(TRUTH, changes=changes | {("EVENT", "USED"): 3})
     assert len(read_warned(file, content, r"1 of 3 events have no time").events) == 2
+    changes["EVENT", "TIMES"] = times[:, 1:]
+    content = c3d(TRUTH, changes=changes | {("EVENT", "USED"): 2})
+    assert read_warned(file, content, r"1 of 2 events have no time").events[0].time == 62.5
+    changes["EVENT", "TIMES"] = times = times.copy()
     times[0, 0] = math.nan
     content = c3d(TRUTH, changes=changes | {("EVENT", "USED"): 2})
     assert len(read_warned(file, content, r"1 of 2 events have no time").events) == 1
