@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import glob
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from mocap_fit.errors import (
@@ -104,6 +104,73 @@ def write_text(path: str | os.PathLike[str], text: str, noun: str = "file") -> N
     """
     with write_atomically(path, noun) as partial:
         partial.write_text(to_unicode(text), encoding="utf-8", newline="\n")
+
+
+def check_targets(
+    targets: Iterable[str | os.PathLike[str]], inputs: Iterable[str | os.PathLike[str] | None]
+) -> None:
+    """Refuse to write over a file that is read, by whatever name or link.
+
+    Parameters
+    ----------
+    targets
+        Files that will be written.
+    inputs
+        Files that are read; None, and names of what is no file, are passed over.
+
+    Raises
+    ------
+    ConfigurationError
+        If a target is one of them.
+    """
+    read = {_identify(path): path for path in inputs if path is not None}
+    read.pop(None, None)
+    for target in targets:
+        identity = _identify(target)
+        if identity in read:
+            raise ConfigurationError(
+                "this file is read, and would be written over",
+                path=target,
+                found=f"it is {os.fspath(read[identity])}",
+                advice="Give another name or folder for what is written.",
+            )
+
+
+def check_existing(
+    targets: Iterable[str | os.PathLike[str]], noun: str, *, overwrite: bool
+) -> None:
+    """Refuse to replace files that somebody may have corrected by hand.
+
+    Parameters
+    ----------
+    targets
+        Files that will be written.
+    noun
+        What they are called in messages, such as ``labels``.
+    overwrite
+        Whether the user wants them replaced.
+
+    Raises
+    ------
+    ConfigurationError
+        If one exists and they are not to be replaced.
+    """
+    present = [] if overwrite else [path for path in map(Path, targets) if os.path.lexists(path)]
+    if present:
+        raise ConfigurationError(
+            f"there are {noun} of that name already",
+            path=present[0],
+            found=f"{len(present)} such files",
+            advice="Give another folder, or replace them with --overwrite.",
+        )
+
+
+def _identify(path: str | os.PathLike[str]) -> tuple[int, int] | None:
+    try:
+        about = os.stat(path)
+    except (OSError, ValueError):
+        return None
+    return about.st_dev, about.st_ino
 
 
 def make_folder(path: str | os.PathLike[str]) -> None:

@@ -13,7 +13,7 @@ from corpus_tools.batch.item import Context, Item, ItemResult, Job, try_item
 from corpus_tools.batch.parcel import Parcel, process_parcel, sum_file
 from corpus_tools.batch.progress import BatchProgress, Tracker
 from mocap_fit._version import __version__
-from mocap_fit.atomic_file import make_folder, write_atomically
+from mocap_fit.atomic_file import check_targets, make_folder, write_atomically
 from mocap_fit.fitting.memory import free_memory
 from mocap_fit.processes import DeadProcess, count_cores, run_locally
 from mocap_fit.tracks.parquet_file import read_description
@@ -71,11 +71,12 @@ def run_batch(
     Raises
     ------
     ConfigurationError
-        If a folder cannot be made, or the cluster does not answer.
+        If a folder cannot be made, a target is a source, or the cluster does not answer.
     MissingExtraError
         If a cluster is wanted and dask.distributed is not installed.
     """
     targets = {out / target for item in items for target in item.targets}
+    check_targets(targets, (item.folder / path for item in items for path in item.sources))
     for folder in sorted({out, *(target.parent for target in targets)}):
         make_folder(folder)
     processes = 1 if cluster is not None else max(1, min(jobs or count_cores(), len(items)))

@@ -28,6 +28,9 @@ Jobs = Annotated[int, Option(min=0, help="Number of processes; 0 for one per cor
 Dask = Annotated[
     str | None, Option(metavar="ADDRESS", help="Work on a dask cluster: tcp://HOST:PORT, tls://…")
 ]
+Overwrite = Annotated[
+    bool, Option("--overwrite", help="Replace labels, and tables of other programs.")
+]
 Dictionary = Annotated[Path | None, Option(help="A pronouncing dictionary in CMU's format.")]
 Face = Annotated[str, Option(help="The face: built-in, or a rig file.")]
 Layout = Annotated[str, Option(help="The marker layout: a shipped name, or a TOML file.")]

@@ -52,6 +52,7 @@ def _fit(
     fresh: Annotated[
         bool, Option("--fresh", help="Fit again what an earlier run has fitted.")
     ] = False,
+    overwrite: arguments.Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
     """Fit face parameters to recordings, frame by frame.
@@ -85,6 +86,7 @@ def _fit(
             jobs=jobs,
             cluster=dask,
             fresh=fresh,
+            overwrite=overwrite,
             progress=progress,
         )
     causes.finish()
@@ -185,6 +187,7 @@ def _align(
         Path | None, Option(help="The folder of a model of pocketsphinx.")
     ] = None,
     phone_set: Annotated[str | None, Option(help="What the model's phones are read as.")] = None,
+    overwrite: arguments.Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
     """Find when the phones of a known text are spoken: one TextGrid per sound."""
@@ -206,6 +209,7 @@ def _align(
             dictionary=dictionary,
             acoustic_model=acoustic_model,
             phone_set=phone_set,
+            overwrite=overwrite,
             progress=show_sound,
         )
     causes.finish()

@@ -84,6 +84,7 @@ def _speak(
     layout: Annotated[str | None, Option(help="The marker layout of --markers.")] = None,
     face: arguments.Face = "built-in",
     keep: Annotated[Path | None, Option(help="A folder for tracks, labels, sound.")] = None,
+    overwrite: arguments.Overwrite = False,
     jobs: Annotated[
         int, Option(min=0, help="Processes that draw; 0 for as many as are worth it.")
     ] = 0,
@@ -159,6 +160,7 @@ def _speak(
             nearest=nearest,
             articulation=articulation,
             keep=keep,
+            overwrite=overwrite,
             jobs=jobs,
             progress=progress,
         )

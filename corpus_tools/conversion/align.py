@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mocap_fit.atomic_file import make_folder
+from mocap_fit.atomic_file import check_existing, check_targets, make_folder
 from mocap_fit.errors import (
     ConfigurationError,
     DataError,
@@ -173,6 +173,7 @@ def align(
     dictionary: str | os.PathLike[str] | None = None,
     acoustic_model: str | os.PathLike[str] | None = None,
     phone_set: str | None = None,
+    overwrite: bool = False,
     progress: Callable[[int, int, Exception | None], object] | None = None,
 ) -> AlignReport:
     """Align sounds to their texts and write ``OUT/NAME.TextGrid`` for each.
@@ -195,6 +196,8 @@ def align(
         Folder of a model of pocketsphinx; by default its own for English.
     phone_set
         Name or file of the phone set that the model's phones are read as.
+    overwrite
+        Whether labels are replaced that are there already.
     progress
         Called after each sound with the number of sounds that are done, the number of all, and
         the error of this one or None.
@@ -219,6 +222,9 @@ def align(
         # All that is missing at once.
         aligner.find_words("\n".join(said))
     folder = Path(out)
+    targets = [folder / f"{file.stem}.TextGrid" for file in texts]
+    check_targets(targets, [*texts, text, dictionary])
+    check_existing(targets, "labels", overwrite=overwrite)
     make_folder(folder)
     aligned: list[Mapping[str, Any]] = []
     errors: dict[str, str] = {}

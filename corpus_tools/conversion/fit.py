@@ -15,12 +15,14 @@ from typing import Any, TypedDict
 import numpy as np
 
 from corpus_tools.batch import BatchProgress, Context, Item, ItemResult, run_batch
+from mocap_fit.atomic_file import check_existing, check_targets
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.fitting.memory import check_memory
 from mocap_fit.fitting.objective import Objective
 from mocap_fit.fitting.speaker import Speaker, fit_speaker
 from mocap_fit.io import READERS, ReadOptions
 from mocap_fit.tracks import write_parquet
+from mocap_fit.tracks.parquet_file import is_foreign_table
 
 _Path = str | os.PathLike[str]
 
@@ -186,6 +188,7 @@ def fit(
     jobs: int = 1,
     cluster: str | None = None,
     fresh: bool = False,
+    overwrite: bool = False,
     progress: Callable[[BatchProgress], object] | None = None,
 ) -> FitReport:
     """Fit face parameters to recordings and write ``OUT/NAME.parquet`` for each.
@@ -231,6 +234,8 @@ def fit(
         Address of a dask scheduler whose workers fit in place of this machine.
     fresh
         Whether recordings are fitted again that an earlier run has fitted.
+    overwrite
+        Whether Parquet files of other programs are replaced that have the names of results.
     progress
         Called with the state after every change; it has the results as they come, in the order
         of the recordings.
@@ -248,6 +253,10 @@ def fit(
     began = time.perf_counter()
     listed = [recordings] if isinstance(recordings, (str, os.PathLike)) else recordings
     files = find_recordings([Path(path) for path in listed])
+    targets = [Path(out) / f"{file.stem}.parquet" for file in files]
+    check_targets(targets, [*files, reference, layout, face])
+    foreign = filter(is_foreign_table, targets)
+    check_existing(foreign, "Parquet files of another program", overwrite=overwrite)
     options = ReadOptions(rate, unit, subject, rename or {})
     speaker = fit_speaker(
         face,

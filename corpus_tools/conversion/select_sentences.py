@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mocap_fit.atomic_file import make_folder, write_text
+from mocap_fit.atomic_file import check_targets, make_folder, write_text
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, from_os_error
 
 if TYPE_CHECKING:
@@ -184,6 +184,8 @@ def select_sentences(
             progress("selecting sentences", selected, total)
 
     chosen = cover_triphones(table, count, advance)
+    names = ("sentences.txt", "coverage.csv", "missing_words.csv", "coverage.png")
+    check_targets([folder / name for name in names], [source, dictionary, phone_set])
     make_folder(folder)
     write_text(folder / "sentences.txt", "".join(f"{pool.texts[i]}\n" for i in chosen.sentences))
     rows = _compute_coverage(pool, table, chosen)

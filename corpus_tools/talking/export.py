@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from corpus_tools.talking.speak import read_parameters
-from mocap_fit.atomic_file import remove_partials, write_text
+from mocap_fit.atomic_file import check_targets, remove_partials, write_text
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.face import load_face
 from mocap_fit.size_limit import check_size
@@ -109,6 +109,7 @@ def export(
             found=file.suffix or "no ending",
             expected=f"a name in {_ENDINGS[to]}",
         )
+    check_targets([file], [tracks, face])
     remove_partials(file)
     parameters = read_parameters(Path(tracks))
     used = rate or parameters.rate

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from corpus_tools.talking import speak_models
 from corpus_tools.talking.lips import list_events, measure_lips
 from corpus_tools.tasks import TaskProgress, count_steps
-from mocap_fit.atomic_file import make_folder
+from mocap_fit.atomic_file import check_existing, check_targets, make_folder
 from mocap_fit.control import ControlModel
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
 from mocap_fit.face import load_face
@@ -188,6 +188,7 @@ def speak(
     nearest: bool = False,
     articulation: float = 1.0,
     keep: str | os.PathLike[str] | None = None,
+    overwrite: bool = False,
     jobs: int = 1,
     progress: TaskProgress | None = None,
 ) -> SpeakReport:
@@ -210,6 +211,8 @@ def speak(
         Factor of the movements about rest, no unit: 1.3 is clear speech. Lips close anyway.
     keep
         A folder for what was synthesised: tracks, labels, sound.
+    overwrite
+        Whether labels and Parquet files of other programs are replaced in that folder.
     jobs
         Number of processes that draw; 0 for as many as are worth it.
     progress
@@ -235,6 +238,9 @@ def speak(
         find_ffmpeg()
     rig = load_face(look.face)
     wanted = Source(source) if isinstance(source, str) else source
+    read = [wanted.labels, wanted.tracks, wanted.sound, wanted.phone_set, *models]
+    read += [look.markers, look.reference, look.layout, look.face]
+    check_targets([file], read)
     speech, chosen = _collect(wanted, list(models), rig, progress)
     start, end = _find_extent(speech, with_phones=bool(chosen))
     frames = max(math.ceil((end - start) * look.rate - 1e-6), 1)
@@ -244,7 +250,7 @@ def speak(
     _predict(speech, chosen, look.rate, {**how, "start_time": first, "frames": frames})
     markers = None if look.markers is None else _read_markers(look, speech.heads.get(MEASURED))
     if keep is not None:
-        _save(speech, Path(keep))
+        _save(speech, Path(keep), read, overwrite=overwrite)
     heads = speech.heads if len(speech.heads) > 1 else next(iter(speech.heads.values()))
     pictures = frames * len(speech.heads) * len(look.views)
     make_folder(file.parent)
@@ -460,17 +466,29 @@ def _read_markers(look: Look, tracks: ParameterTracks | None) -> MarkerTracks:
     return markers
 
 
-def _save(speech: _Speech, folder: Path) -> None:
-    """Write what was synthesised."""
+def _save(
+    speech: _Speech, folder: Path, read: Sequence[str | Path | None], *, overwrite: bool
+) -> None:
+    """Write what was synthesised, but not over what was read or is not ours."""
     from mocap_fit.labels import to_labels, write_labels
     from mocap_fit.sound import write_sound
     from mocap_fit.tracks import write_parquet
+    from mocap_fit.tracks.parquet_file import is_foreign_table
 
+    heads = {
+        "".join(c if c.isalnum() else "-" for c in label.casefold()).strip("-"): head
+        for label, head in speech.heads.items()
+    }
+    labels, sound = folder / "phones.TextGrid", folder / "sound.wav"
+    tables = [folder / f"{name}.parquet" for name in heads]
+    check_targets([*tables, labels, sound], read)
+    check_existing(filter(is_foreign_table, tables), "tables", overwrite=overwrite)
+    if speech.phones is not None:
+        check_existing([labels], "labels", overwrite=overwrite)
     make_folder(folder)
-    for label, head in speech.heads.items():
-        name = "".join(c if c.isalnum() else "-" for c in label.casefold()).strip("-")
+    for name, head in heads.items():
         write_parquet(head.replace(name=name), folder / f"{name}.parquet")
     if speech.phones is not None:
-        write_labels(to_labels(speech.phones), folder / "phones.TextGrid")
+        write_labels(to_labels(speech.phones), labels)
     if speech.sound is not None:
-        write_sound(speech.sound, folder / "sound.wav")
+        write_sound(speech.sound, sound)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from mocap_fit import control
-from mocap_fit.atomic_file import make_folder, write_text
+from mocap_fit.atomic_file import check_targets, make_folder, write_text
 from mocap_fit.control import ControlModel, LogEntry
 from mocap_fit.corpus import Corpus, open_corpus
 from mocap_fit.errors import ConfigurationError
@@ -162,6 +162,7 @@ def train(
         )
     training, held_out = split_training(open_corpus(folder), protocol, validation, seed)
     checkpoint = file.with_name(f"{file.name}.checkpoint")
+    check_targets([file], folder.rglob("*"))
     make_folder(file.parent)
     trained = untrained.fit(training, held_out, progress=progress, checkpoint=checkpoint)
     trained.trained_on_ |= {"corpus": folder.resolve().name, "protocol": protocol}

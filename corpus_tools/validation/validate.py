@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from corpus_tools.tasks import TaskProgress, count_steps
+from mocap_fit.atomic_file import check_targets
 from mocap_fit.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -75,6 +76,16 @@ def validate(
     from mocap_fit.io import ReadOptions
     from mocap_fit.phones import load_phone_set
 
+    if page is not None:
+        check_targets(
+            [page],
+            [
+                *([paths] if isinstance(paths, (str, os.PathLike)) else paths),
+                thresholds,
+                layout,
+                phone_set,
+            ],
+        )
     if page is not None and not Path(page).absolute().parent.is_dir():
         advice = "Make the folder, or choose another one."
         raise ConfigurationError(

@@ -59,6 +59,29 @@ def write_table(
         )
 
 
+def is_foreign_table(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file is Parquet that another program wrote.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    bool
+        False also where there is no such file, or it cannot be read.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with open(path, "rb") as stream:
+            return _KEY not in (pq.read_schema(stream).metadata or {})
+    except (OSError, pa.ArrowException, ValueError):
+        return False
+
+
 def read_kind(path: str | os.PathLike[str]) -> str | None:
     """Return what a Parquet file of mocap-fit holds, such as ``markers``.
 

@@ -117,9 +117,9 @@ class TestNames:
         assert tracks.name == "n%E4sa\x1b\u202e"
         again = json.loads(self.run(capsys, *call, "--json"))
         assert [row["kept"] for row in again["recordings"]] == [True]
-        for ending in ("csv", "gltf", "fap"):
+        for kind, ending in (("csv", "csv"), ("gltf", "glb"), ("fap", "fap")):
             target = folder / f"{NAME}.{ending}"
-            self.run(capsys, "export", result, "--to", ending, "--out", target)
+            self.run(capsys, "export", result, "--to", kind, "--out", target)
             assert target.stat().st_size > 100
 
     def test_convert(self, folder, capsys):
