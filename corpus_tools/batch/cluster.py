@@ -177,14 +177,15 @@ class _Run:
     def _update_workers(self) -> None:
         """Note which workers have gone, and send the shared data to new ones."""
         try:
-            present = self.client.nthreads()
+            present = {name for name, threads in self.client.nthreads().items() if threads}
         except (OSError, TimeoutError):
-            present = {}
-        for name in [name for name, worker in self.workers.items() if worker.is_gone]:
-            del self.workers[name]
-        for name in self.workers.keys() - present.keys():
+            present = set()
+        for name, worker in list(self.workers.items()):
+            if worker.is_gone and not worker.items:
+                del self.workers[name]
+        for name in self.workers.keys() - present:
             self.workers[name].is_gone = True
-        new = list(present.keys() - self.workers.keys())
+        new = list(present - self.workers.keys())
         answers = self.client.run(_get_version, workers=new, on_error="return") if new else {}
         # One that does not answer has died again.
         answers = {name: a for name, a in answers.items() if not isinstance(a, OSError)}
