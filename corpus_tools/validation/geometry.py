@@ -21,6 +21,7 @@ from mocap_fit.head.alignment import (
     compute_angle,
     describe_axes,
     describe_directions,
+    describe_reflection,
     guess_unit,
 )
 from mocap_fit.tracks import FloatArray, MarkerTracks, compute_spread, estimate_rigid_transforms
@@ -218,7 +219,6 @@ class _Session:
     names: tuple[str, ...]
     shape: FloatArray
     differences: FloatArray
-    centre: FloatArray
 
 
 def _order_points(member: Shape, names: Sequence[str]) -> FloatArray:
@@ -254,7 +254,7 @@ def _estimate_session_shape(members: Sequence[Shape], limits: Thresholds) -> _Se
     shape = (base - compute_median(base)) @ usual
     shape = shape * float(np.nanmedian(sizes) / _compute_size(shape)) + centre
     differences = np.linalg.norm(aligned - base, axis=2)
-    return _Session(names, shape, compute_median(differences), centre)
+    return _Session(names, shape, compute_median(differences))
 
 
 def _compute_size(points: FloatArray) -> float:
@@ -317,14 +317,7 @@ def _check_axes(member: Shape, middle: _Session | None, limits: Thresholds) -> I
     if fit is None:
         return
     if fit.mirrored:
-        kind, words = describe_axes(fit.matrix)
-        # Exchanged names leave the head where it was; a reversed axis does not.
-        centre = compute_median(here)
-        size = _compute_size(middle.shape)
-        there = np.linalg.norm(centre - middle.centre)
-        moved = np.linalg.norm(centre - fit.scale * fit.matrix @ middle.centre)
-        if kind == "reversed" and there < moved and there < 2 * size:
-            words = "the names of left and right are exchanged"
+        kind, words = describe_reflection(fit, middle.shape, here)
         code = "MF122" if kind in ("same", "reversed") else "MF123"
         text = f"against the session's other recordings, {words}"
         yield Finding(code, member.location, text, "the same axes and names")

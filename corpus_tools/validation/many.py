@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import warnings
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -56,17 +57,23 @@ def check_each(
         for index, result in stream:
             results[index] = result
             advance()
+    warned: defaultdict[str, list[str]] = defaultdict(list)
     for index, item in enumerate(items):
-        result = results[index]
+        result, location = results[index], work[1](shared, item)
         if isinstance(result, DeadProcess):
             text = f"it was not checked: {result.reason}"
-            report.add([Finding("MF001", work[1](shared, item), text)])
+            report.add([Finding("MF001", location, text)])
             continue
         findings, more, lines = result
         report.add(findings)
         summaries += more
         for line in lines:
-            warnings.warn(line, MocapFitWarning, stacklevel=2)
+            # What is said of many files is said once.
+            cause = line.replace(location.file, "*") if location.file else line
+            warned[cause].append(line)
+    for first, *others in warned.values():
+        more = f" (and the same of {len(others)} more)" if others else ""
+        warnings.warn(f"{first}{more}", MocapFitWarning, stacklevel=2)
     return summaries
 
 

@@ -19,6 +19,7 @@ from mocap_fit.head.alignment import (
     compute_angle,
     describe_axes,
     describe_directions,
+    describe_reflection,
     find_reflection,
     guess_unit,
     is_flat,
@@ -176,7 +177,7 @@ def check_recording(
         return _mirror(
             recording,
             "the recording is a mirror image of the reference pose",
-            describe_axes(fit.matrix)[1],
+            describe_reflection(fit, points, shape)[1],
             find_reflection(fit.matrix).T,
             allow_mirrored,
         )

@@ -9,6 +9,7 @@ import numpy as np
 
 from mocap_fit.tracks import FloatArray
 from mocap_fit.tracks.rigid import compute_spread
+from mocap_fit.tracks.rigid_sets import compute_median
 
 MIRROR_GAIN = 0.6
 """A shape is a mirror image where that fits with this part of the shape's own misfit, or less."""
@@ -161,6 +162,34 @@ def describe_axes(matrix: FloatArray) -> tuple[str, str]:
         names = [_AXES[k] for k in range(3) if diagonal[k] == 0]
         return "exchanged", f"{names[0]} and {names[1]} are exchanged"
     return "turned", f"{', '.join(parts)} of the others"
+
+
+def describe_reflection(fit: Alignment, source: FloatArray, target: FloatArray) -> tuple[str, str]:
+    """Describe why a shape is a mirror image: an axis, or exchanged names.
+
+    Parameters
+    ----------
+    fit
+        The mirrored alignment of the two shapes.
+    source, target
+        ``(points, 3)``, millimetres; NaN is missing.
+
+    Returns
+    -------
+    kind
+        As of `describe_axes`.
+    words
+        In words.
+    """
+    kind, words = describe_axes(fit.matrix)
+    before, after = compute_median(source), compute_median(target)
+    # Exchanged names leave the head where it was; a reversed axis does not.
+    there = np.linalg.norm(after - before)
+    moved = np.linalg.norm(after - fit.scale * fit.matrix @ before)
+    size = float(np.sqrt((compute_spread(source) ** 2).sum()))
+    if kind == "reversed" and there < moved and there < 2 * size:
+        words = "the names of left and right are exchanged"
+    return kind, words
 
 
 def describe_directions(matrix: FloatArray) -> str:

@@ -79,8 +79,12 @@ def test_a_mirrored_reference_pose_and_both(matrix, rest, take) -> None:
 def test_exchanged_names_are_a_mirror_image_too(rest, take) -> None:
     swapped = {"left": "right", "right": "left"}
     names = ["_".join(swapped.get(part, part) for part in name.split("_")) for name in take.names]
-    with pytest.raises(DataError, match="mirror image of the reference pose"):
-        check_recording(LAYOUT, rest, take.replace(names=tuple(names)))
+    away = (rest.replace(positions=rest.positions + 500), take.positions + 500)
+    exchanged = take.replace(names=tuple(names), positions=away[1])
+    with pytest.raises(DataError, match=r"mirror image .*names of left and right are exchanged,"):
+        check_recording(LAYOUT, away[0], exchanged)
+    with pytest.raises(DataError, match=r"mirror image .*found x is reversed,"):
+        check_recording(LAYOUT, away[0], turn(take.replace(positions=away[1]), MIRRORS["x"]))
 
 
 def test_the_fit_of_a_mended_recording_is_that_of_the_recording(speaker, take) -> None:

@@ -151,6 +151,16 @@ def test_validate_sees_through_the_prefix_of_a_subject(session, tmp_path):
     assert [f.location.item for f in findings if f.code in ("MF111", "MF112")] == ["Wand:tip"]
 
 
+def test_one_warning_of_many_files_is_one_line_of_validate(session, tmp_path):
+    for name in "abc":
+        spoil(session.recordings[0], tmp_path / f"{name}.tsv", lambda t: t.replace(rate=30.0))
+    with pytest.warns(MocapFitWarning) as caught:
+        corpus_tools.validate([tmp_path], rate=60.0)
+    (message,) = [str(w.message) for w in caught]
+    assert "a.tsv: the file says 30 Hz; 60 Hz is used" in message
+    assert message.endswith("(and the same of 2 more)")
+
+
 def test_a_manifest(lab, lab_corpus, tmp_path):
     folder = tmp_path / "lab"
     shutil.copytree(lab, folder)
