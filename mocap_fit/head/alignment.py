@@ -177,7 +177,7 @@ def describe_reflection(fit: Alignment, source: FloatArray, target: FloatArray) 
     Returns
     -------
     kind
-        As of `describe_axes`.
+        ``same``, ``reversed``, ``exchanged`` or ``turned``: what was done to the axes.
     words
         In words.
     """
