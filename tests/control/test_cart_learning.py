@@ -16,6 +16,7 @@ from mocap_fit.control.cart.learning import (
     MAX_POOLED,
     Grower,
     Growth,
+    _spread,
     divide_into_bins,
     list_alternatives,
 )
@@ -347,3 +348,13 @@ def test_a_grown_tree_is_that_of_the_plain_way(small):
         plain = grow_plainly(data.sample, data.table, Rules(10))
         for one, other in zip(grow(data.sample, data.table, Rules(10)), plain, strict=True):
             np.testing.assert_allclose(one, other, atol=1e-9)
+
+
+def test_the_first_of_a_spread_order_are_even():
+    """By the golden section: of 5, 8, 13 numbers no gap is a quarter larger than it must be."""
+    for count in range(1, 60):
+        assert sorted(_spread(count)) == list(range(count))
+    order = _spread(1000)
+    for first in (5, 8, 13, 21):
+        edges = np.sort([*order[:first], order[0] + 1000])
+        assert np.diff(edges).max() * first < 1.25 * 1000

@@ -98,7 +98,10 @@ def describe_axes(axes):
         "labels": [axes.get_xlabel(), axes.get_ylabel(), axes.get_xscale(), axes.get_yscale()],
         "limits": numbers([*axes.get_xlim(), *axes.get_ylim()]),
         "ticks": [describe_text(t) for t in (*axes.get_xticklabels(), *axes.get_yticklabels())],
-        "texts": [[*describe_text(text), text.get_va()] for text in axes.texts],
+        "texts": [
+            [*describe_text(text), text.get_va(), *numbers(text.get_position())]
+            for text in axes.texts
+        ],
         "spines": {side: spine.get_visible() for side, spine in axes.spines.items()},
         "legend": None
         if legend is None
@@ -125,6 +128,9 @@ def describe(figure):
                 "size": figure.get_size_inches().tolist(),
                 "title": figure.get_suptitle(),
                 "label": figure.get_supylabel(),
+                "sizes": [
+                    text and text.get_fontsize() for text in (figure._suptitle, figure._supylabel)
+                ],
                 "legends": [
                     [[t.get_text() for t in legend.get_texts()], legend._ncols]
                     for legend in figure.legends

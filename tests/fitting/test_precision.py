@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mocap_fit.fitting.precision import (
+    _find_determined,
     compute_covariance,
     compute_deviations,
     find_undetermined,
@@ -153,3 +154,23 @@ def test_undetermined_parameters_of_frames_are_infinite(frames):
     )
     np.testing.assert_array_equal(np.isinf(deviations), expected)
     np.testing.assert_array_equal(np.isinf(bare), expected)
+
+
+def test_what_counts_as_determined():
+    """Information of a billionth, eigenvalues of a hundred-millionth, shares of a thousandth."""
+    for information, determined in ((1.5e-9, True), (0.7e-9, False)):
+        assert _find_determined(np.diag([1.0, information])).tolist() == [True, determined]
+    for apart, determined in ((1.5e-8, True), (0.7e-8, False)):
+        alike = np.array([[1.0, 1 - apart], [1 - apart, 1.0]])
+        assert _find_determined(alike).tolist() == [determined, determined]
+        # In any unit of the parameters.
+        unlike = alike * np.outer([100.0, 1e-3], [100.0, 1e-3])
+        assert _find_determined(unlike).tolist() == [determined, determined]
+    for share, determined in ((0.7e-6, True), (1.5e-6, False)):
+        # The second does what the first does, and a little of the third.
+        s = np.sqrt(2 * share / (1 - share))
+        first = np.array([1.0, 0.0, 0.0])
+        third = np.array([-s / 2, np.sqrt(1 - s**2 / 4), 0.0])
+        jacobian = np.stack([first, first + s * third, third], axis=1)
+        found = _find_determined(jacobian.T @ jacobian)
+        assert found.tolist() == [False, False, determined]
