@@ -5,7 +5,7 @@ import warnings
 
 import pytest
 
-from mocap_fit.errors import FileFormatError, MocapFitWarning
+from mocap_fit.errors import DataError, FileFormatError, MocapFitWarning
 from mocap_fit.labels import Label, Labels, Tier, read_all_labels, read_labels, seconds, to_phones
 from mocap_fit.labels.text import LABEL_SIZE
 
@@ -69,7 +69,8 @@ def test_how_short_an_utterance_of_htk_may_be(tmp_path):
 def test_how_many_names_a_line_of_htk_may_hold(tmp_path):
     path = tmp_path / "a.lab"
     path.write_text("0 100000" + " a" * 8 + "\n")
-    assert len(read_labels(path).tiers) == 8
+    names = [tier.name for tier in read_labels(path).tiers]
+    assert names == ["phone", "word", *(f"level {number}" for number in range(3, 9))]
     path.write_text("0 100000" + " a" * 9 + "\n")
     with pytest.raises(FileFormatError, match=r"too many names.*found 9"):
         read_labels(path)
@@ -102,3 +103,9 @@ def test_which_gaps_and_overlaps_are_rounding(gap, joined, warned):
     assert (phones.ends[0] == phones.starts[1]) == joined
     assert phones.starts[1] == 0.5 + gap
     assert [str(entry.message).split()[0] for entry in caught] == (["1"] if warned else [])
+
+
+def test_five_faults_are_shown():
+    tier = Tier("phones", tuple(Label(i, i, f"x{i}") for i in range(7)))
+    with pytest.raises(DataError, match=r"^7 labels .*'x4', entry 5.*'phones'\); and 2 more \("):
+        to_phones(Labels((tier,), 0, 7))
