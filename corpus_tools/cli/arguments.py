@@ -48,6 +48,10 @@ Rename = Annotated[
     list[str] | None,
     Option(metavar="OLD=NEW", help="Another name of a marker; as often as needed."),
 ]
+ReferenceAsIs = Annotated[
+    bool,
+    Option("--reference-as-is", help="Read the reference pose without these four options."),
+]
 AllowMirrored = Annotated[
     bool, Option("--allow-mirrored", help="Mend recordings that are mirror images.")
 ]

@@ -47,6 +47,7 @@ def _fit(
     rate: arguments.Rate = None,
     unit: arguments.Unit = None,
     subject: arguments.Subject = None,
+    reference_as_is: arguments.ReferenceAsIs = False,
     jobs: arguments.Jobs = 1,
     dask: arguments.Dask = None,
     fresh: Annotated[
@@ -83,6 +84,7 @@ def _fit(
             smooth=smooth,
             allow_mirrored=allow_mirrored,
             **reading,
+            reference_as_is=reference_as_is,
             jobs=jobs,
             cluster=dask,
             fresh=fresh,
@@ -125,6 +127,7 @@ def _convert(
     rate: arguments.Rate = None,
     unit: arguments.Unit = None,
     subject: arguments.Subject = None,
+    reference_as_is: arguments.ReferenceAsIs = False,
     jobs: arguments.Jobs = 1,
     dask: arguments.Dask = None,
     fresh: Annotated[
@@ -161,6 +164,7 @@ def _convert(
             layout=layout,
             allow_mirrored=allow_mirrored,
             **reading,
+            reference_as_is=reference_as_is,
             jobs=jobs,
             cluster=dask,
             fresh=fresh,

@@ -34,6 +34,7 @@ def convert(
     unit: str | None = None,
     subject: str | None = None,
     rename: Mapping[str, str] | None = None,
+    reference_as_is: bool = False,
     jobs: int = 1,
     cluster: str | None = None,
     fresh: bool = False,
@@ -67,6 +68,9 @@ def convert(
         Subject whose markers are read, where files name several.
     rename
         New names of markers by those in the files, besides those of the manifest.
+    reference_as_is
+        Whether reference poses are read without these options; also where the manifest does not
+        say so.
     jobs
         Number of processes; 0 for one per core.
     cluster
@@ -95,6 +99,7 @@ def convert(
         "unit": unit,
         "subject": subject,
         "rename": dict(rename) if rename else None,
+        "reference_as_is": reference_as_is or None,
         "fit": {"allow_mirrored": True} if allow_mirrored else None,
     }
     changes = {key: value for key, value in options.items() if value is not None}

@@ -185,6 +185,7 @@ def fit(
     unit: str | None = None,
     subject: str | None = None,
     rename: Mapping[str, str] | None = None,
+    reference_as_is: bool = False,
     jobs: int = 1,
     cluster: str | None = None,
     fresh: bool = False,
@@ -228,6 +229,8 @@ def fit(
         Subject whose markers are read, where files name several.
     rename
         New names of markers by those in the files.
+    reference_as_is
+        Whether the reference pose is read without these options: it is right as it is.
     jobs
         Number of processes; 0 for one per core.
     cluster
@@ -263,7 +266,7 @@ def fit(
         layout,
         Path(reference),
         allow_mirrored=allow_mirrored,
-        read=options.read_tracks,
+        read=(ReadOptions() if reference_as_is else options).read_tracks,
     )
     settings = FitSettings(
         objective=objective, solver=solver, refine_pose=refine_pose, smooth=smooth

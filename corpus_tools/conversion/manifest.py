@@ -251,6 +251,8 @@ class Manifest(StrictModel):
         Subject whose markers are read, where files name several.
     rename
         New names of markers by those in the files.
+    reference_as_is
+        Whether reference poses are read without these four.
     start_time
         The first frame on the clock of the sound, seconds; None for the file's.
     recordings, labels, sound
@@ -276,6 +278,7 @@ class Manifest(StrictModel):
     unit: Unit | None = None
     subject: str | None = None
     rename: dict[str, str] = Field(default_factory=dict)
+    reference_as_is: bool = False
     start_time: float | None = None
     recordings: Recordings = Recordings()
     labels: LabelFiles = LabelFiles()

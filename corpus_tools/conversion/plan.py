@@ -23,6 +23,7 @@ from mocap_fit.errors import ConfigurationError, MocapFitError, describe_error
 from mocap_fit.face import load_face
 from mocap_fit.fitting import Layout, load_layout
 from mocap_fit.fitting.speaker import Speaker, fit_speaker
+from mocap_fit.io import ReadOptions
 from mocap_fit.phones import PhoneSet, load_phone_set
 
 PARTS = ("markers", "head", "phones", "tracks")
@@ -163,7 +164,7 @@ def make_plan(manifest: Manifest, entries: tuple[Entry, ...], root: Path) -> Pla
                 layout_name,
                 _find_reference(root, pattern),
                 allow_mirrored=manifest.fit.allow_mirrored,
-                read=manifest.reading.read_tracks,
+                read=(ReadOptions() if manifest.reference_as_is else manifest.reading).read_tracks,
             )
             speaker = dataclasses.replace(speaker, layout=layout)
         except (MocapFitError, OSError) as error:

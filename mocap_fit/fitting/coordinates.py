@@ -61,8 +61,9 @@ _SAMPLE = 5
 
 _MENDING = (
     "If the names of left and right are exchanged, rename them (--rename LEFT=RIGHT "
-    "--rename RIGHT=LEFT); if an axis is turned round or two are exchanged, export it with axes of "
-    "a right hand, or have it mirrored (--allow-mirrored; allow_mirrored=True in Python)."
+    "--rename RIGHT=LEFT, and --reference-as-is where the reference pose is right); if an axis is "
+    "turned round or two are exchanged, export it with axes of a right hand, or have it mirrored "
+    "(--allow-mirrored; allow_mirrored=True in Python)."
 )
 
 

@@ -327,7 +327,7 @@ def check_sizes(names: Sequence[str], shape: FloatArray, positions: FloatArray) 
         what, unit = "reference pose" if power > 0 else "recording", _UNITS[abs(power)]
         advice = (
             f"It seems that the {what} is in {unit}: give its unit (unit=... of read_tracks; "
-            "--unit holds for recordings and reference pose), or write it in millimetres."
+            "--unit, and --reference-as-is where the reference pose is in millimetres)."
         )
     raise DataError(
         "recording and reference pose differ in size",

@@ -80,6 +80,34 @@ def test_fit(kind, session, plain, tmp_path):
     assert [row["kept"] for row in again.recordings] == [True]
 
 
+def exchange(tracks: MarkerTracks) -> MarkerTracks:
+    """Exchange the names of left and right."""
+    other = {"left": "right", "right": "left"}
+    names = ["_".join(other.get(part, part) for part in name.split("_")) for name in tracks.names]
+    return tracks.replace(names=tuple(names))
+
+
+def test_what_is_wrong_in_the_recordings_alone(session, plain, tmp_path):
+    spoil(session.recordings[0], tmp_path / "a.tsv", lambda t: SPOILT["unit"][0](exchange(t)))
+    spoil(session.reference, tmp_path / "rest.tsv", lambda tracks: tracks)
+    names = read_tracks(tmp_path / "rest.tsv").names
+    pairs = zip(names, exchange(read_tracks(tmp_path / "rest.tsv")).names, strict=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MocapFitWarning)
+        report = corpus_tools.fit(
+            tmp_path / "a.tsv",
+            reference=tmp_path / "rest.tsv",
+            layout=session.layout,
+            out=tmp_path / "out",
+            unit="m",
+            rename={old: new for old, new in pairs if old != new},
+            reference_as_is=True,
+        )
+    assert not report.errors
+    mended = read_parquet(tmp_path / "out" / "a.parquet")
+    np.testing.assert_allclose(mended.values, plain.values, atol=1e-9)
+
+
 def test_all_on_the_command_line(session, plain, tmp_path, capsys):
     spoil(
         session.recordings[0],
