@@ -7,11 +7,16 @@ then fail wherever such a value is used, compared or printed.
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from typing import Any
 
 _DEEPEST = 100
 _INTEGERS = range(-(2**63), 2**64)
+# A key of many parts, for which tomllib (3.13) takes time by the square of their number.
+_DEEP_KEY = re.compile(
+    r"""(?:^|[\n,{\[])[ \t]*+(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){100}"""
+)
 
 
 def parse_toml(text: str) -> dict[str, Any]:
@@ -32,6 +37,8 @@ def parse_toml(text: str) -> dict[str, Any]:
     ValueError
         If it is not TOML, an integer has more than 64 bits, or values are nested too deeply.
     """
+    if _DEEP_KEY.search(text):
+        raise _create_depth_error()
     try:
         content = tomllib.loads(text)
     except RecursionError:

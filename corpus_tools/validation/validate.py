@@ -77,15 +77,7 @@ def validate(
     from mocap_fit.phones import load_phone_set
 
     if page is not None:
-        check_targets(
-            [page],
-            [
-                *([paths] if isinstance(paths, (str, os.PathLike)) else paths),
-                thresholds,
-                layout,
-                phone_set,
-            ],
-        )
+        check_targets([page], [*paths, thresholds, layout, phone_set])
     if page is not None and not Path(page).absolute().parent.is_dir():
         advice = "Make the folder, or choose another one."
         raise ConfigurationError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from typing import Any
 
@@ -96,6 +97,7 @@ def load(path: str | os.PathLike[str]) -> ControlModel:
         model.parameter_names_ = tuple(header["parameter_names"])
         model.phone_set_ = PhoneSet.from_dict(header["phone_set"])
         model.rate_ = float(header["rate"])
+        _check_values(model)
         model.trained_on_ = dict(header["trained_on"])
         model.log_ = tuple(LogEntry(*entry) for entry in header["log"])
         model._restore(header["learned"], arrays)
@@ -117,3 +119,10 @@ def load(path: str | os.PathLike[str]) -> ControlModel:
             problem, path=path, found=f"{type(error).__name__}: {error}"
         ) from None
     return model
+
+
+def _check_values(model: ControlModel) -> None:
+    if not all(isinstance(parameter, str) for parameter in model.parameter_names_):
+        raise TypeError("the name of a parameter is no text")
+    if not 0 < model.rate_ < math.inf:
+        raise ValueError(f"a rate of {model.rate_} Hz")

@@ -152,6 +152,9 @@ class Question:
             The same.
         """
         attribute = Attribute(row["kind"], int(row["at"]), row["feature"])
+        is_feature = attribute.kind == "feature"
+        if attribute.kind not in KINDS or (is_feature and attribute.feature not in FEATURE_NAMES):
+            raise ValueError(f"a question about {attribute}")
         return cls(attribute, row["class"], tuple(row["phones"]), row["label"])
 
     @property
