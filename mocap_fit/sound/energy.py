@@ -51,7 +51,7 @@ def energy_db(sound: Sound, times: ArrayLike, *, window: float = WINDOW) -> Floa
         )
     weights = np.hanning(2 * half + 3)[1:-1]
     moments = np.asarray(times, dtype=np.float64)
-    inside = (moments >= 0) & (moments <= sound.duration)
+    inside = (moments >= 0) & (moments <= sound.duration) & (len(sound) > 0)
     centres = np.round(np.where(inside, moments, 0.0) * rate).astype(np.int64)
     centres = np.minimum(centres, len(sound) - 1)
     samples = sound.samples.mean(axis=1)

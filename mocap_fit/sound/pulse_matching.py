@@ -125,7 +125,10 @@ def compute_likelihoods(heights: FloatArray, noise: float) -> tuple[float, Float
     ndarray
         Logarithms of likelihood ratios, ``(slots,)``, no unit.
     """
-    scale = float(np.median(heights[heights > 0.5 * np.quantile(heights, 0.9)]))
+    tall = heights[heights > 0.5 * np.quantile(heights, 0.9)]
+    if not len(tall):
+        return 0.0, np.full(len(heights), _MISSING)
+    scale = float(np.median(tall))
     # Pulses differ in height even where there is no noise.
     deviation = max(noise, 0.1 * abs(scale))
     present = (scale * heights - 0.5 * scale**2) / deviation**2

@@ -89,3 +89,7 @@ def test_a_window_is_longer_than_two_samples(window, is_enough):
     else:
         with pytest.raises(DataError, match=r"too short.*100 Hz"):
             energy_db(sound, [0.5], window=window)
+
+
+def test_a_sound_without_samples_has_no_energy():
+    assert np.isnan(energy_db(Sound(np.zeros((0, 1)), 8000), [0.0, 1.0])).all()

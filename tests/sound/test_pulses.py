@@ -361,3 +361,11 @@ class TestNumbers:
         channel[100:700:4] = 1.0
         decoded = decode_pulses(channel, 240.0, 60.0)
         np.testing.assert_array_equal(decoded.samples, np.arange(100, 700, 4))
+
+
+@pytest.mark.parametrize(("count", "rate", "frame_rate"), [(20000, 16000, 25), (1000, 44100, 250)])
+def test_a_single_pulse_is_no_train(count, rate, frame_rate):
+    channel = np.zeros(count)
+    channel[count // 2] = 1.0
+    with pytest.raises(DataError, match="pulses"):
+        decode_pulses(channel, rate, frame_rate)
