@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -12,6 +13,7 @@ from typing import Any
 from corpus_tools.batch.cluster import ContentNeeded, Done
 from corpus_tools.batch.item import Context, Item, ItemResult, Job, try_item
 from mocap_fit.errors import FileFormatError
+from mocap_fit.size_limit import VARIABLE
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +28,8 @@ class Parcel:
         Sum over everything that the result depends on.
     sums
         SHA-256 of each source, by its path.
+    max_size
+        What a file may unpack to, bytes; the worker does not inherit it.
     contents
         Content of each source, by its path; None where the worker opens the files.
     """
@@ -33,6 +37,7 @@ class Parcel:
     item: Item
     fingerprint: str
     sums: Mapping[str, str]
+    max_size: int
     contents: Mapping[str, bytes] | None = None
 
     def load(self) -> Parcel | Done:
@@ -116,6 +121,7 @@ def process_parcel(
     item = parcel.item
     if parcel.contents is None and not parcel.is_here():
         return ContentNeeded()
+    os.environ[VARIABLE] = str(parcel.max_size)
     files: dict[str, bytes] = {}
     with tempfile.TemporaryDirectory() as name:
         folder, out = Path(name) / "in", Path(name) / "out"

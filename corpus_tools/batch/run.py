@@ -16,6 +16,7 @@ from mocap_fit._version import __version__
 from mocap_fit.atomic_file import check_targets, make_folder, write_atomically
 from mocap_fit.fitting.memory import free_memory
 from mocap_fit.processes import DeadProcess, count_cores, run_locally
+from mocap_fit.size_limit import get_largest_size
 from mocap_fit.tracks.parquet_file import read_description
 
 
@@ -165,7 +166,7 @@ def _pack(batch: _Batch, items: Sequence[Item]) -> Iterator[Parcel | Done]:
             fingerprint = batch.job.compute_fingerprint(item, sums)
             cached = _read_cached(batch, item, fingerprint)
             if cached is None:
-                parcel = Parcel(item, fingerprint, sums)
+                parcel = Parcel(item, fingerprint, sums, get_largest_size())
             return cached or {}
 
         result = try_item(context, sum_item)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from corpus_tools.batch import Context, catch_warnings
+from corpus_tools.batch.parcel import sum_file
 from corpus_tools.conversion.material import (
     add_energy,
     check_times,
@@ -90,7 +91,7 @@ class ConversionJob:
         """
         with contextlib.suppress(OSError):
             path = out / AUDIO / f"{item.name}.wav"
-            return "audio" not in figures or _sum_file(path) == str(figures["audio"])
+            return "audio" not in figures or sum_file(path) == str(figures["audio"])
         return False
 
     def process(self, item: UtteranceItem, context: Context) -> dict[str, Any]:
@@ -188,9 +189,4 @@ def _write_audio(target: Path, speech: Sound, source: Path | None) -> str:
     else:
         with write_atomically(target) as partial:
             partial.write_bytes(source.read_bytes())
-    return _sum_file(target)
-
-
-def _sum_file(path: Path) -> str:
-    with open(path, "rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+    return sum_file(target)

@@ -11,6 +11,7 @@ from corpus_tools.batch.cluster import ContentNeeded, Done
 from corpus_tools.batch.parcel import Parcel, process_parcel
 from corpus_tools.batch.run import _receive
 from mocap_fit.errors import DataError
+from mocap_fit.size_limit import VARIABLE, get_largest_size
 
 
 class Copying:
@@ -29,16 +30,18 @@ class Copying:
         if content == "bad":
             raise DataError("these are bad")
         (context.out / item.targets[0]).write_text(content.upper())
-        return {"from": context.folder, "sum": context.fingerprint}
+        size = get_largest_size()
+        return {"from": context.folder, "sum": context.fingerprint, "max_size": size}
 
 
 @pytest.fixture
-def parcel(tmp_path):
+def parcel(tmp_path, monkeypatch):
+    monkeypatch.setenv(VARIABLE, "3GB")
     folder = tmp_path / "lab"
     (folder / "takes").mkdir(parents=True)
     (folder / "takes" / "a.txt").write_text("words")
     item = Item("a", folder, ("takes/a.txt",), ("texts/a.txt",), f"lab{os.sep}")
-    return Parcel(item, "print", {"takes/a.txt": hashlib.sha256(b"words").hexdigest()})
+    return Parcel(item, "print", {"takes/a.txt": hashlib.sha256(b"words").hexdigest()}, 12345)
 
 
 def process(parcel):
@@ -48,7 +51,8 @@ def process(parcel):
 def test_files_that_are_here_are_opened(parcel):
     result = process(parcel)
     assert result.files == {"texts/a.txt": b"WORDS"}
-    assert result.figures == {"from": parcel.item.folder, "sum": "print"}
+    # A worker does not inherit what our environment says.
+    assert result.figures == {"from": parcel.item.folder, "sum": "print", "max_size": 12345}
 
 
 @pytest.mark.parametrize("content", [None, b"", b"wordz", b"words and more"])
