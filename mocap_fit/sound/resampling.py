@@ -18,7 +18,7 @@ def resample(samples: FloatArray, rate: float, new_rate: float) -> FloatArray:
     Parameters
     ----------
     samples
-        Samples, ``(samples,)`` or ``(samples, channels)``.
+        Samples, ``(samples,)`` or ``(samples, channels)``, no unit.
     rate
         Their rate, hertz.
     new_rate
@@ -27,7 +27,8 @@ def resample(samples: FloatArray, rate: float, new_rate: float) -> FloatArray:
     Returns
     -------
     ndarray
-        Samples at that rate, of the same scale; the first is at the same time.
+        Samples at that rate, ``(samples,)`` or ``(samples, channels)``, no unit: of the same scale,
+        the first at the same time.
     """
     from scipy.signal import resample_poly
 
