@@ -20,8 +20,11 @@ _Errors = tuple[type[Exception], ...]
 
 # Seconds within which a scheduler and its workers must answer.
 _PATIENCE = 8
-# Seconds between two looks at which workers there are, and within which lost ones must return.
-_POLL, _RETURN = 0.5, 60.0
+# Seconds between two looks at which workers there are.
+_POLL = 0.5
+# Seconds within which a scheduler that was lost must be back, and one of the workers if all were:
+# on a busy machine Python starts slowly.
+_SCHEDULER_BACK, _WORKERS_BACK = 30.0, 300.0
 # Items that a worker has at a time, so that it never waits for one.
 _AHEAD = 2
 
@@ -176,10 +179,11 @@ class _Run:
 
     def _update_workers(self) -> None:
         """Note which workers have gone, and send the shared data to new ones."""
+        patience = _WORKERS_BACK
         try:
             present = {name for name, threads in self.client.nthreads().items() if threads}
         except (OSError, TimeoutError):
-            present = set()
+            present, patience = set(), _SCHEDULER_BACK
         for name, worker in list(self.workers.items()):
             if worker.is_gone and not worker.items:
                 del self.workers[name]
@@ -197,7 +201,7 @@ class _Run:
                 self.workers[name] = _Worker(scattered)
         if self.workers:
             self.last_seen = time.monotonic()
-        elif time.monotonic() - self.last_seen > _RETURN:
+        elif time.monotonic() - self.last_seen > patience:
             raise ConfigurationError(
                 f"the dask scheduler at {self.address} has ended, or has no workers any more",
                 advice="Start them again, and run this again: what is done is not done twice.",
