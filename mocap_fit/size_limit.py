@@ -8,14 +8,52 @@ from __future__ import annotations
 
 import os
 import re
+import stat
 
-from mocap_fit.errors import ConfigurationError, FileFormatError
+from mocap_fit.errors import ConfigurationError, FileFormatError, from_os_error
 
 VARIABLE = "MOCAP_FIT_MAX_SIZE"
 """The environment variable with the largest size, such as ``8GB``; processes inherit it."""
 
 _DEFAULT = "2GB"
 _SIZE = re.compile(r"(\d{1,15}(?:\.\d{1,6})?) ?([kmgt]?)(i?)b?", re.IGNORECASE | re.ASCII)
+
+
+def measure_file(path: str | os.PathLike[str]) -> int:
+    """Return the length of an ordinary file, which can be read more than once.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    int
+        Bytes.
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file.
+    FileFormatError
+        If it is a folder, a pipe or a device.
+    """
+    try:
+        about = os.stat(path)
+    except (OSError, ValueError) as error:
+        raise from_os_error(error, path) from None
+    if stat.S_ISDIR(about.st_mode):
+        raise FileFormatError(
+            "this is a folder", path=path, expected="a file", advice="Name a file in it."
+        )
+    if not stat.S_ISREG(about.st_mode):
+        raise FileFormatError(
+            "this is not an ordinary file",
+            path=path,
+            advice="Pipes and devices cannot be read twice: write it to a file first.",
+        )
+    return about.st_size
 
 
 def parse_size(text: str) -> int:

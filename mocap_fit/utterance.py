@@ -13,7 +13,12 @@ from typing import Any, Self, TypeVar
 from mocap_fit.errors import DataError, FileFormatError
 from mocap_fit.phones import PhoneSequence, read_stored_phones
 from mocap_fit.tracks import MarkerTracks, ParameterTracks, PoseTracks, read_parquet
-from mocap_fit.tracks.parquet_file import from_damaged_table, read_table, write_table
+from mocap_fit.tracks.parquet_file import (
+    check_types,
+    from_damaged_table,
+    read_table,
+    write_table,
+)
 
 UTTERANCES_FILE = "utterances.parquet"
 _COLUMNS = ("id", "speaker", "session", "split", "duration", "text", "sources", "checks")
@@ -228,13 +233,20 @@ def write_utterances(utterances: Iterable[Utterance], folder: Path) -> None:
     import pyarrow as pa
 
     rows = list(utterances)
-    strings = pa.list_(pa.string())
-    types = (*[pa.string()] * 4, pa.float64(), pa.string(), strings, strings)
     columns = {
         name: pa.array([getattr(row, name) for row in rows], type=kind)
-        for name, kind in zip(_COLUMNS, types, strict=True)
+        for name, kind in _get_types().items()
     }
     write_table(columns, {"kind": "utterances"}, folder / UTTERANCES_FILE)
+
+
+def _get_types() -> dict[str, Any]:
+    """Return the types of the columns, as pyarrow has them."""
+    import pyarrow as pa
+
+    strings = pa.list_(pa.string())
+    types = (*[pa.string()] * 4, pa.float64(), pa.string(), strings, strings)
+    return dict(zip(_COLUMNS, types, strict=True))
 
 
 def read_utterances(folder: Path) -> tuple[Utterance, ...]:
@@ -258,6 +270,7 @@ def read_utterances(folder: Path) -> tuple[Utterance, ...]:
     path = folder / UTTERANCES_FILE
     table, _ = read_table(path, ("utterances",), "utterances", "Convert the recordings again.")
     try:
+        check_types(table, _get_types())
         rows = table.select(list(_COLUMNS)).to_pylist()
         lists = ("sources", "checks")
         return tuple(

@@ -13,7 +13,7 @@ from typing import Any
 from corpus_tools.batch.cluster import ContentNeeded, Done
 from corpus_tools.batch.item import Context, Item, ItemResult, Job, try_item
 from mocap_fit.errors import FileFormatError
-from mocap_fit.size_limit import VARIABLE
+from mocap_fit.size_limit import VARIABLE, measure_file
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +95,7 @@ def sum_file(path: Path) -> str:
     str
         The sum, as hexadecimal digits.
     """
+    measure_file(path)
     with open(path, "rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 

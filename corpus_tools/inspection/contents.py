@@ -24,6 +24,7 @@ from mocap_fit.labels import (
     read_all_labels,
 )
 from mocap_fit.phones import list_phone_sets, load_phone_set, read_stored_phones
+from mocap_fit.size_limit import measure_file
 from mocap_fit.sound import SOUND_ENDINGS, energy_db, read_sound
 from mocap_fit.sound.energy import WINDOW
 from mocap_fit.tracks.parquet_file import read_kind
@@ -55,7 +56,9 @@ def describe_contents(path: str | os.PathLike[str], options: ReadOptions) -> Map
     file = Path(path)
     if file.is_dir() or file.name == DESCRIPTION_FILE:
         content = _describe_corpus(file.parent if file.name == DESCRIPTION_FILE else file)
-    elif file.suffix.lower() in SOUND_ENDINGS:
+        return {"file": os.fspath(path), **content}
+    measure_file(file)
+    if file.suffix.lower() in SOUND_ENDINGS:
         content = _describe_sound(path)
     elif file.suffix.lower() == ".parquet" and read_kind(file) == "phones":
         content = _describe_phones(path)

@@ -16,7 +16,7 @@ from mocap_fit.atomic_file import write_atomically
 from mocap_fit.errors import FileFormatError, MocapFitError, from_os_error
 from mocap_fit.parsing import parse_json
 from mocap_fit.plain_text import to_unicode
-from mocap_fit.size_limit import check_size
+from mocap_fit.size_limit import check_size, measure_file
 
 FORMAT_VERSION = 2
 _HEADER = "header"
@@ -73,12 +73,13 @@ def read_model_file(
     FileFormatError
         If the file is something else, is damaged, or has another version of the format.
     """
+    length = measure_file(path)
     try:
         with open(path, "rb") as stream, zipfile.ZipFile(stream) as archive:
             members = archive.infolist()
             # They are stored as they are: what is unpacked is no longer than the file.
             size = sum(member.file_size for member in members)
-            check_size(size, path=path, available_bytes=os.path.getsize(path), noun="model")
+            check_size(size, path=path, available_bytes=length, noun="model")
             arrays = {
                 member.filename.removesuffix(".npy"): _parse_array(archive.read(member))
                 for member in members

@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import BinaryIO, Self
 
 from mocap_fit.errors import FileFormatError, from_os_error
+from mocap_fit.size_limit import measure_file
 
 LONGEST_LINE = 4 * 2**20
 """Bytes. 10,000 markers with long names fill about a quarter of it."""
@@ -42,27 +43,11 @@ def check_file(path: str | os.PathLike[str]) -> Path:
     FileFormatError
         If it is a folder, a device, or empty.
     """
-    try:
-        file = Path(path)
-        if not file.exists():
-            raise FileNotFoundError
-        if file.is_dir():
-            raise FileFormatError(
-                "this is a folder", path=path, expected="a file", advice="Name a file in it."
-            )
-        if not file.is_file():
-            raise FileFormatError(
-                "this is not an ordinary file",
-                path=path,
-                advice="Pipes and devices cannot be read twice: write it to a file first.",
-            )
-        if file.stat().st_size == 0:
-            raise FileFormatError(
-                "the file is empty", path=path, advice="Export or copy the recording again."
-            )
-    except (OSError, ValueError) as error:
-        raise from_os_error(error, path) from None
-    return file
+    if measure_file(path) == 0:
+        raise FileFormatError(
+            "the file is empty", path=path, advice="Export or copy the recording again."
+        )
+    return Path(path)
 
 
 def read_head(path: str | os.PathLike[str], size: int) -> bytes:

@@ -9,11 +9,17 @@ The same phones give the same bytes.
 from __future__ import annotations
 
 import os
+from typing import Any
 
 from mocap_fit.errors import DataError
 from mocap_fit.phones.types import PhoneSegment, PhoneSequence
 from mocap_fit.tracks import Step
-from mocap_fit.tracks.parquet_file import from_damaged_table, read_table, write_table
+from mocap_fit.tracks.parquet_file import (
+    check_types,
+    from_damaged_table,
+    read_table,
+    write_table,
+)
 
 _COLUMNS = ("start", "end", "phone", "stress", "word", "energy_db")
 
@@ -35,9 +41,8 @@ def write_phones(phones: PhoneSequence, path: str | os.PathLike[str]) -> None:
     """
     import pyarrow as pa
 
-    types = (pa.float64(), pa.float64(), pa.string(), pa.int8(), pa.string(), pa.float64())
     columns = {"utterance": pa.array([phones.name] * len(phones), type=pa.string())}
-    for name, kind in zip(_COLUMNS, types, strict=True):
+    for name, kind in _get_types().items():
         columns[name] = pa.array([getattr(segment, name) for segment in phones], type=kind)
     description = {
         "kind": "phones",
@@ -46,6 +51,14 @@ def write_phones(phones: PhoneSequence, path: str | os.PathLike[str]) -> None:
         "provenance": [step.to_dict() for step in phones.provenance],
     }
     write_table(columns, description, path)
+
+
+def _get_types() -> dict[str, Any]:
+    """Return the types of the columns, as pyarrow has them."""
+    import pyarrow as pa
+
+    types = (pa.float64(), pa.float64(), pa.string(), pa.int8(), pa.string(), pa.float64())
+    return dict(zip(_COLUMNS, types, strict=True))
 
 
 def read_stored_phones(path: str | os.PathLike[str]) -> PhoneSequence:
@@ -70,6 +83,7 @@ def read_stored_phones(path: str | os.PathLike[str]) -> PhoneSequence:
         path, ("phones",), "phones", "Read labels of another program with read_phones."
     )
     try:
+        check_types(table, _get_types(), may_lack=("stress", "word", "energy_db"))
         rows = zip(*(table.column(name).to_pylist() for name in _COLUMNS), strict=True)
         return PhoneSequence(
             tuple(PhoneSegment(*row) for row in rows),

@@ -15,7 +15,7 @@ from mocap_fit.atomic_file import write_atomically
 from mocap_fit.errors import DataError, FileFormatError, from_os_error
 from mocap_fit.parsing import parse_json
 from mocap_fit.plain_text import to_unicode
-from mocap_fit.size_limit import check_size
+from mocap_fit.size_limit import check_size, measure_file
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -76,9 +76,10 @@ def is_foreign_table(path: str | os.PathLike[str]) -> bool:
     import pyarrow.parquet as pq
 
     try:
+        measure_file(path)
         with open(path, "rb") as stream:
             return _KEY not in (pq.read_schema(stream).metadata or {})
-    except (OSError, pa.ArrowException, ValueError):
+    except (OSError, FileFormatError, pa.ArrowException, ValueError):
         return False
 
 
@@ -116,10 +117,11 @@ def read_description(path: str | os.PathLike[str]) -> dict[str, Any] | None:
     import pyarrow.parquet as pq
 
     try:
+        measure_file(path)
         with open(path, "rb") as stream:
             text = (pq.read_schema(stream).metadata or {}).get(_KEY)
         description = None if text is None else parse_json(text)
-    except (OSError, pa.ArrowException, ValueError):
+    except (OSError, FileFormatError, pa.ArrowException, ValueError):
         return None
     return description if isinstance(description, dict) else None
 
@@ -157,6 +159,7 @@ def read_table(
     """
     import pyarrow as pa
 
+    measure_file(path)
     try:
         with open(path, "rb") as stream:
             table = _read_columns(stream, path)
@@ -235,6 +238,35 @@ def _parse_description(
             f"this file cannot be used as {noun}", path=path, found=kind, expected=", ".join(kinds)
         )
     return dict(description)
+
+
+def check_types(
+    table: pa.Table, types: Mapping[str, pa.DataType], may_lack: Sequence[str] = ()
+) -> None:
+    """Raise a TypeError if columns of a table are of other types than they were written in.
+
+    Parameters
+    ----------
+    table
+        What `read_table` returned.
+    types
+        Type of each column, by name.
+    may_lack
+        Columns that may lack values.
+
+    Raises
+    ------
+    KeyError
+        If there is no such column.
+    TypeError
+        If one is of another type, or lacks a value.
+    """
+    for name, kind in types.items():
+        column = table.column(name)
+        if column.type != kind:
+            raise TypeError(f"the column {name} holds {column.type} and not {kind}")
+        if column.null_count and name not in may_lack:
+            raise TypeError(f"the column {name} lacks {column.null_count} values")
 
 
 def from_damaged_table(
