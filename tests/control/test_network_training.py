@@ -583,3 +583,16 @@ def test_without_a_validation_part_the_training_error_decides(small_corpus):
     # Of one parameter, so that it does not matter that others are weighted by their deviation.
     errors = [entry.training_error for entry in entries if entry.part == "b"]
     assert len(errors) - 1 == min(int(np.argmin(errors)) + 2, 6)
+
+
+def test_weights_are_those_of_one_network_each(small_corpus):
+    training = training_of(small_corpus, None, plan_of(max_iter=0), NETWORKS)
+    weights = training.get_weights()
+    assert [len(each.inputs) for each in weights] == [1, 1, 1]
+    for each, network in zip(weights, NETWORKS, strict=True):
+        shapes = [array.shape for array in each]
+        size, outputs = network.hidden, len(network.columns)
+        assert shapes == [
+            (1, 3 * 18, size), (1, 2 * size, size), (1, 1, size), (1, size, outputs),
+            (1, 1, outputs),
+        ]  # fmt: skip

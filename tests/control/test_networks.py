@@ -464,3 +464,13 @@ def test_the_mean_error_of_one_value_is_itself():
     difference = counted * 0.6
     np.testing.assert_allclose(subtract_offsets(difference, counted, 1.0), 0.0, atol=1e-15)
     np.testing.assert_allclose(subtract_offsets(difference, counted, 0.25), 0.75 * difference)
+
+
+@pytest.mark.parametrize(("late", "is_missing"), [(1.5e-6, False), (2.5e-6, True)])
+def test_a_neighbour_that_is_missing_has_a_share_from_two_millionths_of_a_sample(late, is_missing):
+    """Targets are sampled four times an inner frame; a time within rounding of one is its."""
+    tracks = ParameterTracks(("a",), 60.0, np.array([[1.0], [np.nan], [2.0], [3.0]]))
+    found = sample_targets(tracks, late / (4 * INNER_RATE))[:, 0]
+    assert found[0] == 1.0 or is_missing
+    assert np.isnan(found[0]) == is_missing
+    assert np.isnan(found[1])

@@ -164,6 +164,7 @@ def test_a_table_and_json_hold_every_score(small_corpus):
     result = evaluate(small_corpus, models, face=None, resamples=100)
     table = result.to_frame()
     assert len(table) == 2 * len(GROUPS) * (2 + 1) * 2
+    assert list(table.index) == list(range(len(table)))
     row = table[(table.model == "half") & (table.parameter == "average")].iloc[0]
     assert row.value == pytest.approx(result.compute_averages("rmse")[0][0, 0])
     json.dumps(result.to_dict(), allow_nan=True)
