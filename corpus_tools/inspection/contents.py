@@ -23,7 +23,7 @@ from mocap_fit.labels import (
     find_label_reader,
     read_all_labels,
 )
-from mocap_fit.phones import list_phone_sets, load_phone_set, read_stored_phones
+from mocap_fit.phones import find_phone_sets, read_stored_phones
 from mocap_fit.size_limit import measure_file
 from mocap_fit.sound import SOUND_ENDINGS, energy_db, read_sound
 from mocap_fit.sound.energy import WINDOW
@@ -31,6 +31,8 @@ from mocap_fit.tracks.parquet_file import read_kind
 
 # More than these are counted only.
 _LISTED = 40
+# Share of the symbols that a phone set has if they are to be phones.
+_MOST = 0.75
 
 
 def describe_contents(path: str | os.PathLike[str], options: ReadOptions) -> Mapping[str, Any]:
@@ -127,14 +129,11 @@ def _describe_tier(tier: Tier) -> dict[str, Any]:
 
 
 def _find_phone_sets(symbols: Mapping[str, int]) -> list[str]:
-    """Return the names of the shipped phone sets that have all of the symbols."""
-    phone_sets = {name: load_phone_set(name) for name in list_phone_sets() if symbols}
-    return [
-        name
-        for name, phone_set in phone_sets.items()
-        # A set that computes its phones has nearly everything.
-        if phone_set.compute is None and all(phone_set.parse(s) is not None for s in symbols)
-    ]
+    """Return the shipped phone sets that the symbols fit best, and how well where not entirely."""
+    names, count = find_phone_sets(symbols)
+    if count == len(symbols):
+        return list(names)
+    return [f"{n} ({count} of {len(symbols)})" for n in names if count >= _MOST * len(symbols)]
 
 
 def _describe_phones(path: str | os.PathLike[str]) -> dict[str, Any]:

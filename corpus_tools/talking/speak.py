@@ -359,13 +359,12 @@ def choose_default(language: str) -> str:
 
 def _choose_phone_set(source: Source) -> PhoneSet:
     """Return the phone set of what is said, as far as it is known beforehand."""
-    from mocap_fit.synthesis.text_to_phones import LANGUAGES
+    from mocap_fit.synthesis.espeak_voices import find_voice
 
     if source.phone_set is not None:
         is_shipped = source.phone_set in list_phone_sets()
         return load_phone_set(source.phone_set if is_shipped else Path(source.phone_set))
-    voice = LANGUAGES.get(source.language)
-    return load_phone_set("ipa" if voice is None else voice.phone_set)
+    return load_phone_set(find_voice(source.language).phone_set)
 
 
 def _speak_text(source: Source, models: Sequence[ControlModel]) -> tuple[PhoneSequence, Sound]:

@@ -57,10 +57,9 @@ def stream(
     """
     from mocap_fit.face import load_face
     from mocap_fit.phones import load_phone_set
-    from mocap_fit.synthesis.text_to_phones import LANGUAGES
+    from mocap_fit.synthesis.espeak_voices import find_voice
 
-    voice = LANGUAGES.get(language)
-    phone_set = load_phone_set("ipa" if voice is None else voice.phone_set)
+    phone_set = load_phone_set(find_voice(language).phone_set)
     face = load_face()
     names = face.parameter_names
     chosen = speak_models.find_model(model, language, phone_set, names, progress=progress)

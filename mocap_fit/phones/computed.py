@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import unicodedata
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from mocap_fit.errors import MissingExtraError
@@ -11,12 +12,25 @@ from mocap_fit.phones.phone import FEATURE_NAMES, Phone, PhoneClass
 
 # panphon calls these back vowels.
 _CENTRAL = frozenset("ɨʉɘɵəɜɞɐa")
+# panphon has it close-mid.
+_NEAR_OPEN = {"ɐ": 0.6}
 _GLOTTAL_FRICATIVES = frozenset("hɦ")
 _LABIODENTAL = frozenset("fvɱʋⱱ")
 _TRILLS = frozenset("rʙʀ")
+# The tip of the tongue is near the teeth, whatever else it does; panphon has ɮ further back.
+_ALVEOLAR = frozenset("szʃʒɕʑɮ")
+# Rounded and protruded, as in the sets of Swedish and Czech.
+_LIPS = dict.fromkeys("ʃʒ", (0.4, 0.6)) | dict.fromkeys("ʂʐ", (0.3, 0.4))
+# Two closures at once, which may be written without a tie.
+_DOUBLE = frozenset({"kp", "ɡb", "ŋm"})
 _BRIDGE = "\N{COMBINING BRIDGE BELOW}"
 _RINGS = frozenset("\N{COMBINING RING BELOW}\N{COMBINING RING ABOVE}")
-_LEFT_OUT = str.maketrans("", "", "\u035c\u0361" + "".join(sorted(_RINGS)))
+_TIES = frozenset("\u035c\u0361")
+# The lips of Japanese u are pressed together at the sides.
+_COMPRESSED = "ᵝ"
+_LEFT_OUT = str.maketrans("", "", _COMPRESSED + "".join(sorted(_TIES | _RINGS)))
+# What stands for an IPA letter where it is not on the keyboard or in the font.
+_LOOK_ALIKES = str.maketrans("g:αγδεϵιλυφϕΦϐꞵϑꭓꭕı", "ɡːɑɣðɛɛɪʎʊɸɸɸββθχχɪ")
 
 
 def compute_phone(symbol: str) -> Phone | None:
@@ -43,15 +57,11 @@ def compute_phone(symbol: str) -> Phone | None:
         If panphon is not installed.
     """
     table = _load_feature_table()
-    # IPA has letters of its own for these two, and keyboards do not.
-    text = unicodedata.normalize("NFD", symbol).replace("g", "ɡ").replace(":", "ː")
+    text = unicodedata.normalize("NFD", symbol).translate(_LOOK_ALIKES)
     symbol = unicodedata.normalize("NFC", text)
+    marks = set(text)
+    text = text.translate(_LEFT_OUT)
     parts = list(table.ipa_segs(text))
-    voiceless = bool(_RINGS & set(text))
-    if "".join(parts) != text:
-        # A tie or a voiceless ring that panphon's table lacks: the sounds by themselves.
-        text = text.translate(_LEFT_OUT)
-        parts = list(table.ipa_segs(text))
     if not 1 <= len(parts) <= 2 or "".join(parts) != text:
         return None
     sounds = [(part, table.fts(part)) for part in parts]
@@ -61,16 +71,22 @@ def compute_phone(symbol: str) -> Phone | None:
             return None
         each = [_compute_vowel(part, sound) for part, sound in sounds]
         values = {name: sum(v[name] for v in each) / len(each) for name in each[0]}
+        if _COMPRESSED in marks:
+            values["rounded"] = max(values["rounded"], 0.4)
         return _create_phone(symbol, "vowel", values)
     each = [_compute_consonant(part, sound) for part, sound in sounds]
-    if len(each) == 2 and not (each[0]["stop"] == 1 and each[1]["fricative"] == 1):
+    if len(each) == 2 and not (_is_affricate(each) or _TIES & marks or text[:2] in _DOUBLE):
         return None
     values = {name: max(v[name] for v in each) for name in each[0]}
     if len(each) == 2:
         values["voiced"] = each[1]["voiced"]
-    if voiceless:
+    if _RINGS & marks:
         values["voiced"] = 0.0
     return _create_phone(symbol, "consonant", values)
+
+
+def _is_affricate(parts: Sequence[Mapping[str, float]]) -> bool:
+    return parts[0]["stop"] == 1 and parts[1]["fricative"] == 1
 
 
 def _create_phone(symbol: str, kind: PhoneClass, values: dict[str, float]) -> Phone:
@@ -79,6 +95,22 @@ def _create_phone(symbol: str, kind: PhoneClass, values: dict[str, float]) -> Ph
 
 @functools.lru_cache(maxsize=1)
 def _load_feature_table() -> Any:
+    return import_panphon().FeatureTable()
+
+
+def import_panphon() -> Any:
+    """Import panphon.
+
+    Returns
+    -------
+    module
+        The module.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not installed.
+    """
     try:
         import panphon
     except ImportError:
@@ -86,7 +118,7 @@ def _load_feature_table() -> Any:
             "the features of IPA sounds need panphon, which is not installed",
             advice="Run: pip install 'mocap-fit[speech]'",
         ) from None
-    return panphon.FeatureTable()
+    return panphon
 
 
 def _compute_vowel(letters: str, sound: Any) -> dict[str, float]:
@@ -97,7 +129,7 @@ def _compute_vowel(letters: str, sound: Any) -> dict[str, float]:
     elif sound["lo"] == 1:
         values["open"] = 1.0
     else:
-        values["open"] = -0.4 if tense else 0.2
+        values["open"] = _NEAR_OPEN.get(letters[0], -0.4 if tense else 0.2)
     if letters[0] in _CENTRAL:
         values["front"] = 0.0
     else:
@@ -125,13 +157,9 @@ def _compute_consonant(letters: str, sound: Any) -> dict[str, float]:
         values
         | _compute_articulation(letters, sound)
         | _compute_manner(letters, sound)
-        | _compute_lips(sound)
+        | _compute_lips(letters, sound)
         | voiced
     )
-
-
-def _is_postalveolar(sound: Any) -> bool:
-    return bool(sound["cor"] == 1 and sound["ant"] != 1 and sound["distr"] == 1)
 
 
 def _compute_articulation(letters: str, sound: Any) -> dict[str, float]:
@@ -141,14 +169,13 @@ def _compute_articulation(letters: str, sound: Any) -> dict[str, float]:
         values["labiodental"] = 1.0
     elif sound["lab"] == 1 and not (high and back):
         values["bilabial"] = 1.0
-    if _is_postalveolar(sound):
-        if not high:
-            values["alveolar"] = 1.0
-    elif sound["cor"] == 1 and sound["ant"] == 1:
+    coronal, anterior, laminal = (sound[name] == 1 for name in ("cor", "ant", "distr"))
+    if letters[0] in _ALVEOLAR or (coronal and anterior and not laminal):
+        values["alveolar"] = 1.0
+    if coronal and anterior and (laminal or _BRIDGE in letters):
         # The bridge below the letter is the mark of a dental.
-        dental = sound["distr"] == 1 or _BRIDGE in letters
-        values["dental" if dental else "alveolar"] = 1.0
-    elif sound["cor"] == 1:
+        values["dental"] = 1.0
+    elif coronal and not anterior and not laminal and letters[0] not in _ALVEOLAR:
         values["retroflex"] = 1.0
     if high or back:
         values["velar"] = 1.0 if high and back else 0.5
@@ -166,9 +193,7 @@ def _compute_manner(letters: str, sound: Any) -> dict[str, float]:
     }
 
 
-def _compute_lips(sound: Any) -> dict[str, float]:
+def _compute_lips(letters: str, sound: Any) -> dict[str, float]:
     if sound["round"] == 1:
         return {"rounded": 1.0, "protruded": 0.7}
-    if _is_postalveolar(sound) and sound["strid"] == 1 and sound["hi"] != 1:
-        return {"rounded": 0.4, "protruded": 0.6}
-    return {}
+    return dict(zip(("rounded", "protruded"), _LIPS.get(letters[0], ()), strict=False))

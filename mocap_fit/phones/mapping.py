@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import unicodedata
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +13,7 @@ import numpy as np
 from mocap_fit.errors import DataError, shorten
 from mocap_fit.phones.phone import FEATURE_NAMES, Phone
 from mocap_fit.phones.phone_set import PhoneSet
-from mocap_fit.phones.set_file import load_phone_set
+from mocap_fit.phones.set_file import find_phone_sets, load_phone_set
 from mocap_fit.phones.types import PhoneSegment, PhoneSequence
 
 # Occurrences of an unknown symbol that are remembered and shown.
@@ -122,12 +122,15 @@ def normalise_phones(
         return sequence
     parsed = [known_set.parse(table.get(s.phone, s.phone)) for s in sequence]
     pairs = list(zip(sequence, parsed, strict=True))
-    _refuse(
-        [(sequence.name, segment) for segment, symbol in pairs if symbol is None],
-        f"are not in the phone set '{known_set.name}'",
-        "Give the set that the labels are written in, add the symbols to its file, or give a "
-        "table of replacements.",
-    )
+    unknown = [(sequence.name, segment) for segment, symbol in pairs if symbol is None]
+    if unknown:
+        _refuse(
+            unknown,
+            f"are not in the phone set '{known_set.name}'",
+            _describe_fit(symbols)
+            + "Give the set that the labels are written in, add the symbols to its file, or give a "
+            "table of replacements.",
+        )
     phones: list[PhoneSegment] = []
     labels: list[str] = []
     for segment, symbol in pairs:
@@ -289,6 +292,17 @@ def _count_letters(phone: Phone) -> tuple[bool, int]:
 def _simplify_ipa(sound: str) -> str:
     plain = unicodedata.normalize("NFD", sound).translate(_OPTIONAL)
     return plain.replace("g", "ɡ").replace(":", "ː")
+
+
+def _describe_fit(symbols: Collection[str]) -> str:
+    """Return a sentence about the shipped phone sets that labels fit best."""
+    names, count = find_phone_sets(symbols)
+    if not names:
+        return ""
+    has = "has" if len(names) == 1 else "have"
+    share = "all" if count == len(symbols) else f"{count} of {len(symbols)}"
+    listed = " and ".join(f"'{name}'" for name in names)
+    return f"{listed} {has} {share} of the symbols. "
 
 
 def _is_one_phone(before: PhoneSegment, after: PhoneSegment) -> bool:

@@ -12,10 +12,18 @@ from dataclasses import dataclass, field
 from typing import Any, Self
 
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
+from mocap_fit.phones.computed import compute_phone
 from mocap_fit.phones.phone import ARTICULATORY_PARAMETERS, Phone
 from mocap_fit.phones.stress import StressMarks
 from mocap_fit.phones.types import PhoneSegment
+from mocap_fit.phones.x_sampa import compute_x_sampa_phone
 from mocap_fit.tracks import FloatArray
+
+ALPHABETS: dict[str, Callable[[str], Phone | None]] = {
+    "panphon": compute_phone,
+    "panphon, x-sampa": compute_x_sampa_phone,
+}
+"""Functions that compute the phone of a symbol, by what a file of a set names them."""
 
 _STRESS_VALUE = {0: 0.0, 1: 1.0, 2: 0.5}
 
@@ -381,7 +389,7 @@ class PhoneSet:
             "language": self.language,
             "description": self.description,
             "ignore_case": self.ignore_case,
-            "computed": self.compute is not None,
+            "computed": next((k for k, v in ALPHABETS.items() if v is self.compute), False),
             "stress": {
                 "levels": list(self.stress.levels),
                 "marks": {str(level): list(marks) for level, marks in self.stress.marks.items()},
@@ -409,12 +417,7 @@ class PhoneSet:
         FileFormatError
             If a field is missing or has a wrong type.
         """
-        compute = None
         try:
-            if table["computed"]:
-                from mocap_fit.phones.computed import compute_phone
-
-                compute = compute_phone
             stress = table["stress"]
             marks = {int(level): tuple(marks) for level, marks in stress["marks"].items()}
             return cls(
@@ -424,7 +427,7 @@ class PhoneSet:
                 description=table["description"],
                 stress=StressMarks(tuple(stress["levels"]), marks, stress["position"]),
                 ignore_case=table["ignore_case"],
-                compute=compute,
+                compute=ALPHABETS[source] if (source := table["computed"]) else None,
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise FileFormatError(

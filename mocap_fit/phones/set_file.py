@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import unicodedata
+from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from mocap_fit.errors import ConfigurationError, add_path
+from mocap_fit.errors import ConfigurationError, MissingExtraError, add_path
 from mocap_fit.phones.phone import ARTICULATORY_PARAMETERS, MANNERS, PLACES, VOWEL_FEATURES, Phone
-from mocap_fit.phones.phone_set import PhoneSet
+from mocap_fit.phones.phone_set import ALPHABETS, PhoneSet
 from mocap_fit.phones.stress import StressMarks
 from mocap_fit.settings_file import StrictModel, list_shipped, load_settings
 
 _KINDS = (*PLACES, *MANNERS)
+# A tier with more different labels does not hold phones.
+_MAX_SYMBOLS = 400
 _Share = Annotated[float, Field(ge=0, le=1)]
 _Graded = Annotated[float, Field(ge=-1, le=1)]
 _Text = Annotated[str, Field(min_length=1)]
@@ -126,7 +129,7 @@ class _SetFile(StrictModel):
     language: str = ""
     description: str = ""
     ignore_case: bool = False
-    features_from: Literal["panphon"] | None = None
+    features_from: Literal["panphon", "panphon, x-sampa"] | None = None
     silence: _Silence
     stress: _Stress | None = None
     vowels: dict[_Text, _VowelRow] = Field(default_factory=dict)
@@ -203,11 +206,6 @@ def load_phone_set(name: str | Path) -> PhoneSet:
     'en'
     """
     table = load_settings(_SetFile, name, package=__package__, folder="sets", noun="phone set")
-    compute = None
-    if table.features_from == "panphon":
-        from mocap_fit.phones.computed import compute_phone
-
-        compute = compute_phone
     try:
         return PhoneSet(
             table.name or Path(name).stem,
@@ -216,7 +214,36 @@ def load_phone_set(name: str | Path) -> PhoneSet:
             description=table.description,
             stress=table.stress.to_marks() if table.stress else StressMarks(),
             ignore_case=table.ignore_case,
-            compute=compute,
+            compute=ALPHABETS[table.features_from] if table.features_from else None,
         )
     except ConfigurationError as error:
         raise add_path(error, name) from None
+
+
+def find_phone_sets(symbols: Collection[str]) -> tuple[tuple[str, ...], int]:
+    """Find the shipped phone sets that labels fit best.
+
+    Parameters
+    ----------
+    symbols
+        Different labels, with or without stress.
+
+    Returns
+    -------
+    names
+        The sets that have the most of them. Of those with the same number, sets of a language
+        precede sets of all sounds, which are not named with them.
+    count
+        Number of labels that these have; without names where there are too many for phones.
+    """
+    fits: dict[str, tuple[int, bool]] = {}
+    for name in list_phone_sets() if 0 < len(symbols) <= _MAX_SYMBOLS else ():
+        phone_set = load_phone_set(name)
+        try:
+            count = sum(phone_set.parse(symbol) is not None for symbol in symbols)
+        except MissingExtraError:
+            continue
+        if count:
+            fits[name] = count, phone_set.compute is None
+    best = max(fits.values(), default=(0, False))
+    return tuple(name for name, fit in fits.items() if fit == best), best[0]

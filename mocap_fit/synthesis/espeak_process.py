@@ -48,7 +48,8 @@ class _Event(ctypes.Structure):
 class _VoiceRecord(ctypes.Structure):
     _fields_ = (
         ("name", ctypes.c_char_p),
-        ("languages", ctypes.c_char_p),
+        # Tags one after another, a byte of priority before each, and a zero byte at the end.
+        ("languages", ctypes.c_void_p),
         ("identifier", ctypes.c_char_p),
     )
 
@@ -83,17 +84,29 @@ def _load_library() -> Any:
     return library, espeakng_loader.get_data_path().encode()
 
 
-def _list_voices(library: Any) -> dict[str, bytes]:
-    """Return the identifiers of the voices by their languages."""
+def _list_voices(library: Any) -> dict[str, tuple[int, bytes]]:
+    """Return the priority (low is good) and the identifier of the best voice by language."""
     voices = library.espeak_ListVoices(None)
-    identifiers: dict[str, bytes] = {}
+    best: dict[str, tuple[int, bytes]] = {}
     index = 0
     while voices[index]:
         record = voices[index].contents
-        # The first byte is a priority.
-        identifiers.setdefault(record.languages[1:].decode("utf-8", "replace"), record.identifier)
+        address = record.languages
+        while (priority := ctypes.string_at(address, 1)[0]) != 0:
+            tag = ctypes.string_at(address + 1)
+            name = tag.decode("utf-8", "replace")
+            if name not in best or priority < best[name][0]:
+                best[name] = priority, record.identifier
+            address += len(tag) + 2
         index += 1
-    return identifiers
+    return best
+
+
+def _choose_voices(name: str, known: dict[str, tuple[int, bytes]]) -> list[bytes]:
+    """Return what espeak-ng may call the voice of a name or a tag, the most exact first."""
+    parts = name.strip().replace("_", "-").casefold().split("-")
+    tags = ["-".join(parts[:count]) for count in range(len(parts), 0, -1)]
+    return [name.encode("utf-8", "replace")] + [known[tag][1] for tag in tags if tag in known]
 
 
 def main() -> None:
@@ -125,9 +138,7 @@ def main() -> None:
     library.espeak_SetSynthCallback(callback)
     answer: dict[str, Any]
     voices = _list_voices(library)
-    name = request["voice"].encode("utf-8", "replace")
-    # Not every language is the name of a voice.
-    names = [name, voices.get(request["voice"], name)]
+    names = _choose_voices(request["voice"], voices)
     if all(library.espeak_SetVoiceByName(name) != 0 for name in names):
         answer = {"error": "voice", "voices": sorted(voices)}
     else:

@@ -13,16 +13,16 @@ import json
 import re
 import subprocess
 import sys
-import unicodedata
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mocap_fit.errors import ConfigurationError, DataError, MissingExtraError
+from mocap_fit.errors import ConfigurationError, DataError, MissingExtraError, MocapFitWarning
 from mocap_fit.phones import (
     PhoneSegment,
     PhoneSequence,
@@ -32,6 +32,8 @@ from mocap_fit.phones import (
     normalise_phones,
 )
 from mocap_fit.sound import Sound
+from mocap_fit.synthesis.espeak_ipa import STRESS, clean_name, split_name
+from mocap_fit.synthesis.espeak_voices import LANGUAGES, SYLLABIC, find_voice
 from mocap_fit.tracks import FloatArray
 
 # A pause shorter than this is the closure of the stop after it, or none at all.
@@ -40,66 +42,10 @@ _SHORTEST_PAUSE = 0.09
 _MERGED = 0.35
 # Times are rounded to a hundredth of a millisecond, less than half a sample.
 _DECIMALS = 5
-_STRESS = {"ˈ": 1, "ˌ": 2}
+_STRESS_MARKS = "".join(STRESS)
 # Words a minute.
 _SLOWEST, _FASTEST = 80, 450
 _PUNCTUATION = re.compile(r"^[^\w]+|[^\w]+$")
-_LIGATURES = str.maketrans({"ʦ": "ts", "ʧ": "tʃ", "ʨ": "tɕ", "ʣ": "dz", "ʤ": "dʒ", "ʥ": "dʑ"})
-# "(en)": the voice of another language goes on. Names are cut after eight bytes.
-_CHANGE_OF_VOICE = re.compile(r"\([^)]*\)?")
-
-
-@dataclass(frozen=True)
-class EspeakVoice:
-    """A voice of espeak-ng, and the phone set for it.
-
-    Parameters
-    ----------
-    name
-        Name of the voice in espeak-ng.
-    phone_set
-        The phone set of its language.
-    replacements
-        Names of sounds in the voice and the same sounds in the IPA of the phone set, with blanks
-        between several.
-    pairs
-        Pairs of sounds in a word and the one, or the two (with a blank), that they are in this
-        language.
-    """
-
-    name: str
-    phone_set: str
-    replacements: Mapping[str, str] = field(default_factory=dict)
-    pairs: Mapping[tuple[str, str], str] = field(default_factory=dict)
-
-
-LANGUAGES: dict[str, EspeakVoice] = {
-    "sv": EspeakVoice(
-        "sv",
-        "sv-sta",
-        {"sx": "ɧ", "ʃ": "ɧ", "y": "ʏ", "œ": "ø"},
-        # The voice has few of the retroflexes of Central Swedish, and no open vowels before r.
-        {
-            ("ɛ", "r"): "æ r",
-            ("ɛː", "r"): "æː r",
-            ("ø", "r"): "œ r",
-            ("øː", "r"): "œː r",
-            ("r", "t"): "ʈ",
-            ("r", "d"): "ɖ",
-            ("r", "n"): "ɳ",
-            ("r", "s"): "ʂ",
-            ("r", "l"): "ɭ",
-        },
-    ),
-    "cs": EspeakVoice("cs", "cs-sampa", {"dʑ": "d͡z"}),
-    "en": EspeakVoice(
-        "en-us",
-        "en-arpabet",
-        {"ɾ": "d", "ᵻ": "ɪ", "ɐ": "ə", "ʔ": "t", "ɜː": "ɝ", "iə": "i ə", "aɪə": "aɪ ə"},
-        {("ɹ", "ɹ"): "ɹ"},
-    ),
-}
-"""Languages with a phone set. Any other name is a voice of espeak-ng, with IPA."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +73,7 @@ class TextSpeaker:
     Parameters
     ----------
     language
-        One of `LANGUAGES`, or the name of a voice of espeak-ng (``de``, ``en-gb``).
+        A tag of the language, such as ``sv``, ``no`` or ``pt-BR``, or a voice of espeak-ng.
     phone_set
         The phone set of the phones; that of the language if None.
     words_per_minute
@@ -162,7 +108,7 @@ class TextSpeaker:
                 found=f"{words_per_minute} words a minute, silence of {silence} s",
                 expected=f"{_SLOWEST} to {_FASTEST} words a minute, silence of 0 s or more",
             )
-        self.voice = LANGUAGES.get(language, EspeakVoice(language, "ipa"))
+        self.voice = find_voice(language)
         chosen = self.voice.phone_set if phone_set is None else phone_set
         self.phone_set = chosen if isinstance(chosen, PhoneSet) else load_phone_set(chosen)
         self._ipa = load_phone_set("ipa")
@@ -201,30 +147,46 @@ class TextSpeaker:
             If espeak-ng has no such voice.
         DataError
             If there is nothing to say in the text, or the phone set lacks sounds of it.
+
+        Warns
+        -----
+        MocapFitWarning
+            If the voice has sounds that are not IPA; the nearest phones are taken.
         """
         speed = self.words_per_minute if words_per_minute is None else words_per_minute
         # Bytes of the command line that are not text.
         text = text.encode("utf-8", "replace").decode("utf-8")
-        answer, samples = self._run_espeak(text, round(speed))
+        marked = self.voice.mark_syllabic(text)
+        answer, samples = self._run_espeak(marked, round(speed))
         rate = float(answer["rate"])
         pad = np.zeros(round((self.silence if silence is None else silence) * rate))
         sound = Sound(np.concatenate([pad, samples, pad]), rate, name=name)
         segments: list[tuple[PhoneSegment, int]] = []
-        events = [event for event in map(self._clean_event, answer["events"]) if event]
+        events = [event for event in map(_clean_event, answer["events"]) if event]
         positions = [position - 1 for kind, _, position, *_ in events if kind == "word"]
-        words = list(_match_words(positions, text))
+        words = [word.replace(SYLLABIC, "") for word in _match_words(positions, marked)]
+        unknown: dict[str, str] = {}
         for start, end, spoken, number in _list_spoken(events, len(samples)):
             word = words[number] if number >= 0 else ""
-            for first, last, phone, stress in self._split_spoken(start, end, spoken):
+            for first, last, phone, stress in self._split_spoken(start, end, spoken, unknown):
                 begin = round((first + len(pad)) / rate, _DECIMALS)
                 finish = round((last + len(pad)) / rate, _DECIMALS)
                 if begin < finish:
                     segments.append((PhoneSegment(begin, finish, phone, stress, word), number))
         if not any(segment.word for segment, _ in segments):
             raise DataError(
-                "there is nothing to say in the text",
+                f"there is nothing to say in the text for the voice '{self.voice.name}'",
                 found=repr(text),
-                advice="Give words in the language of the voice.",
+                advice="Give words in the language and the script of the voice. Some voices of "
+                "espeak-ng have no dictionary, and are silent.",
+            )
+        if unknown:
+            replaced = ", ".join(f"'{name}' as '{phone}'" for name, phone in unknown.items())
+            warnings.warn(
+                f"the voice '{self.voice.name}' has sounds that are not IPA; they are taken for "
+                f"the nearest phones: {replaced}",
+                MocapFitWarning,
+                stacklevel=2,
             )
         merged = self._merge_pairs(segments)
         phones = PhoneSequence(tuple(merged), phone_set="ipa", name=name)
@@ -249,16 +211,16 @@ class TextSpeaker:
         if process.returncode or not line:
             last = process.stderr.decode("utf-8", "replace").strip().rpartition("\n")[2]
             raise DataError(
-                "espeak-ng has ended without an answer",
+                f"espeak-ng has ended without an answer with the voice '{self.voice.name}'",
                 found=last or f"status {process.returncode}",
-                advice="Check that espeakng-loader is complete: install it again.",
+                advice="Try another voice. Where all end so, install espeakng-loader again.",
             )
         answer: dict[str, Any] = json.loads(line)
         if "error" in answer:
             raise ConfigurationError(
                 f"espeak-ng has no voice '{self.voice.name}'",
                 expected=", ".join([*LANGUAGES, *answer["voices"]]),
-                advice="Name the language as espeak-ng does, such as de or en-gb.",
+                advice="Name the language by its tag, such as de or en-gb.",
             )
         if answer["is_cut"]:
             raise DataError(
@@ -269,49 +231,29 @@ class TextSpeaker:
             )
         return answer, np.frombuffer(raw, dtype="<i2").astype(np.float64) / 32768.0
 
-    def _clean_event(self, event: list[Any]) -> list[Any] | None:
-        """Return an event without what is no sound in it; None where nothing is left."""
-        name = _CHANGE_OF_VOICE.sub("", event[-1])
-        is_sound = not event[-1] or self._split_ipa(name.lstrip("".join(_STRESS)))
-        return [*event[:-1], name] if event[0] == "word" or is_sound else None
-
     def _split_spoken(
-        self, start: int, end: int, spoken: str
+        self, start: int, end: int, spoken: str, unknown: dict[str, str]
     ) -> list[tuple[int, int, str, int | None]]:
-        """Return start and end (samples), phone and stress of the phones of one event."""
-        ipa = spoken.lstrip("".join(_STRESS))
-        if not ipa:
+        """Return start and end (samples), phone and stress of the phones of one event.
+
+        What is not understood is added to the unknown ones.
+        """
+        name = spoken.lstrip(_STRESS_MARKS)
+        if not name:
             return [(start, end, "sil", None)]
-        parts = self._split_ipa(ipa)
+        name = self.voice.replacements.get(name, name)
+        if len(name) > 1:
+            # A vowel with its r is one event, and two phones.
+            name = name.replace("ɹ", " ɹ ")
+        parts, others = split_name(name, self._ipa)
+        unknown.update(others)
         edges = np.linspace(start, end, len(parts) + 1).round().astype(int).tolist()
         phones = []
         for part, first, last in zip(parts, edges[:-1], edges[1:], strict=True):
             phone = self._ipa.parse(part)
             vowel = phone is not None and self._ipa.get_phone(phone[0]).takes_stress
-            phones.append((first, last, part, _STRESS.get(spoken[0], 0) if vowel else None))
+            phones.append((first, last, part, STRESS.get(spoken[0], 0) if vowel else None))
         return phones
-
-    def _split_ipa(self, ipa: str) -> list[str]:
-        """Return the phones of an event: one, or several where the voice names them as one."""
-        parts: list[str] = []
-        # Some voices have capitals of ASCII, or ligatures.
-        ipa = self.voice.replacements.get(ipa, ipa).lower().translate(_LIGATURES)
-        if len(ipa) > 1:
-            # A vowel with its r is one event, and two phones.
-            ipa = ipa.replace("ɹ", " ɹ ")
-        while ipa := ipa.strip():
-            if " " in ipa:
-                first, _, ipa = ipa.partition(" ")
-                parts += self._split_ipa(first)
-                continue
-            known = (n for n in range(len(ipa), 0, -1) if self._ipa.parse(ipa[:n]) is not None)
-            length = next(known, 0)
-            # Tones, borders of syllables, and what only modifies a sound that has no such variant.
-            if length or (ipa[0].isalpha() and unicodedata.category(ipa[0]) != "Lm"):
-                parts.append(ipa[: max(length, 1)])
-            length = max(length, 1)
-            ipa = ipa[length:].lstrip("".join(_STRESS))
-        return parts
 
     def _merge_pairs(self, segments: list[tuple[PhoneSegment, int]]) -> list[PhoneSegment]:
         """Replace pairs of sounds in a word by what they are in the language of the voice."""
@@ -350,7 +292,7 @@ def speak_text(
     text
         One or more sentences.
     language
-        One of `LANGUAGES`, or the name of a voice of espeak-ng.
+        A tag of the language, such as ``sv``, ``no`` or ``pt-BR``, or a voice of espeak-ng.
     phone_set
         The phone set of the phones; that of the language if None, IPA for other voices.
     words_per_minute
@@ -380,6 +322,12 @@ def speak_text(
     return speaker.speak(text, name=name)
 
 
+def _clean_event(event: list[Any]) -> list[Any] | None:
+    """Return an event without what is no sound in it; None where nothing is left."""
+    name = clean_name(event[-1])
+    return [*event[:-1], name] if event[0] == "word" or name or not event[-1] else None
+
+
 def _list_spoken(events: list[list[Any]], samples: int) -> list[tuple[int, int, str, int]]:
     """Return start and end (samples), sound and number of the word of each event.
 
@@ -391,7 +339,7 @@ def _list_spoken(events: list[list[Any]], samples: int) -> list[tuple[int, int, 
         if kind == "word":
             word += 1
         else:
-            starts.append((sample, name, word if name.lstrip("".join(_STRESS)) else -1))
+            starts.append((sample, name, word if name.lstrip(_STRESS_MARKS) else -1))
     starts = _order_starts(starts, samples)
     ends = [start for start, _, _ in starts[1:]] + [samples]
     spoken: list[tuple[int, int, str, int]] = []
