@@ -199,23 +199,7 @@ class TextSpeaker:
 
     def _run_espeak(self, text: str, speed: int) -> tuple[dict[str, Any], FloatArray]:
         """Return the answer of espeak-ng, and its samples as part of full scale."""
-        script = Path(__file__).with_name("espeak_process.py")
-        request = {"voice": self.voice.name, "text": text.replace("\0", " "), "speed": speed}
-        process = subprocess.run(
-            [sys.executable, str(script)],
-            input=json.dumps(request).encode(),
-            capture_output=True,
-            check=False,
-        )
-        line, _, raw = process.stdout.partition(b"\n")
-        if process.returncode or not line:
-            last = process.stderr.decode("utf-8", "replace").strip().rpartition("\n")[2]
-            raise DataError(
-                f"espeak-ng has ended without an answer with the voice '{self.voice.name}'",
-                found=last or f"status {process.returncode}",
-                advice="Try another voice. Where all end so, install espeakng-loader again.",
-            )
-        answer: dict[str, Any] = json.loads(line)
+        answer, raw = _run_process(self.voice.name, text, speed)
         if "error" in answer:
             raise ConfigurationError(
                 f"espeak-ng has no voice '{self.voice.name}'",
@@ -320,6 +304,40 @@ def speak_text(
         language, phone_set=phone_set, words_per_minute=words_per_minute, silence=silence
     )
     return speaker.speak(text, name=name)
+
+
+def list_voices() -> tuple[str, ...]:
+    """Return the tags of the languages that espeak-ng speaks.
+
+    Returns
+    -------
+    tuple of str
+        The tags, sorted; one voice may have several.
+    """
+    answer, _ = _run_process("", "", _SLOWEST)
+    return tuple(answer["voices"])
+
+
+def _run_process(voice: str, text: str, speed: int) -> tuple[dict[str, Any], bytes]:
+    """Return the answer of espeak-ng, and its samples."""
+    script = Path(__file__).with_name("espeak_process.py")
+    request = {"voice": voice, "text": text.replace("\0", " "), "speed": speed}
+    process = subprocess.run(
+        [sys.executable, str(script)],
+        input=json.dumps(request).encode(),
+        capture_output=True,
+        check=False,
+    )
+    line, _, raw = process.stdout.partition(b"\n")
+    if process.returncode or not line:
+        last = process.stderr.decode("utf-8", "replace").strip().rpartition("\n")[2]
+        raise DataError(
+            f"espeak-ng has ended without an answer with the voice '{voice}'",
+            found=last or f"status {process.returncode}",
+            advice="Try another voice. Where all end so, install espeakng-loader again.",
+        )
+    answer: dict[str, Any] = json.loads(line)
+    return answer, raw
 
 
 def _clean_event(event: list[Any]) -> list[Any] | None:
