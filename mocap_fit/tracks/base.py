@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 # Seconds: times this much before a frame still belong to it.
 _TOLERANCE = 1e-9
 
+# Hertz and seconds, far beyond any recording: products of these are numbers.
+_SLOWEST, _FASTEST, _LATEST = 1e-6, 1e9, 1e12
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tracks:
@@ -94,15 +97,22 @@ class Tracks:
             )
         if not self.names:
             raise DataError(f"there is no {self.noun}", found=0, expected="one or more")
-        if not np.isfinite(self.rate) or self.rate <= 0:
+        if not _SLOWEST <= self.rate <= _FASTEST:
             raise DataError(
                 "the frame rate is not possible",
                 found=f"{self.rate} Hz",
-                expected="a number above 0",
+                expected=f"a number above 0, from {_SLOWEST:g} to {_FASTEST:g}",
                 advice="Give the rate of the recording.",
             )
-        if not np.isfinite(self.start_time):
-            raise DataError("the start time is not a number", found=self.start_time)
+        times = {"the start time": self.start_time}
+        times |= {f"the time of the event '{event.name}'": event.time for event in self.events}
+        for noun, time in times.items():
+            if not abs(time) <= _LATEST:
+                raise DataError(
+                    f"{noun} is not possible",
+                    found=time,
+                    expected=f"a number of seconds, at most {_LATEST:g}",
+                )
         object.__setattr__(self, "rate", float(self.rate))
         object.__setattr__(self, "start_time", float(self.start_time))
 

@@ -163,7 +163,8 @@ def read_table(
     try:
         with open(path, "rb") as stream:
             table = _read_columns(stream, path)
-    except pa.ArrowException as error:
+    # Names of columns that are not UTF-8 raise a UnicodeDecodeError.
+    except (pa.ArrowException, UnicodeDecodeError) as error:
         raise FileFormatError(
             "this is not a whole Parquet file",
             path=path,
