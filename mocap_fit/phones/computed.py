@@ -62,7 +62,8 @@ def compute_phone(symbol: str) -> Phone | None:
     marks = set(text)
     text = text.translate(_LEFT_OUT)
     parts = list(table.ipa_segs(text))
-    if not 1 <= len(parts) <= 2 or "".join(parts) != text:
+    # A tone by itself is no sound.
+    if not 1 <= len(parts) <= 2 or "".join(parts) != text or not text[0].isalpha():
         return None
     sounds = [(part, table.fts(part)) for part in parts]
     if sounds[0][1]["syl"] == 1 and sounds[0][1]["cons"] == -1:

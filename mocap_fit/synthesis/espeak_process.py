@@ -104,9 +104,10 @@ def _list_voices(library: Any) -> dict[str, tuple[int, bytes]]:
 
 def _choose_voices(name: str, known: dict[str, tuple[int, bytes]]) -> list[bytes]:
     """Return what espeak-ng may call the voice of a name or a tag, the most exact first."""
+    plain = {tag.casefold(): identifier for tag, (_, identifier) in known.items()}
     parts = name.strip().replace("_", "-").casefold().split("-")
     tags = ["-".join(parts[:count]) for count in range(len(parts), 0, -1)]
-    return [name.encode("utf-8", "replace")] + [known[tag][1] for tag in tags if tag in known]
+    return [name.encode("utf-8", "replace")] + [plain[tag] for tag in tags if tag in plain]
 
 
 def main() -> None:
