@@ -55,3 +55,13 @@ def test_the_same_figure_gives_the_same_bytes(result, tmp_path):
     with pytest.raises(FileFormatError, match=r"\.png or \.svg"):
         save_figure(tmp_path / "x.bmp", figures.plot_scores, result)
     assert len(list(tmp_path.iterdir())) == 4
+
+
+def test_a_trajectory_that_hardly_moves_has_room_above_and_below(small_corpus):
+    shown = small_corpus.utterances[0]
+    still = shown.read_tracks().replace(values=np.full((60, 2), 0.25))
+    figure = figures.plot_trajectories(still, {"m": still.values}, shown.read_phones(), "y")
+    assert figure.axes[0].get_ylim() == pytest.approx((0.25 - 6e-5, 0.25 + 6e-5))
+    moving = still.replace(values=np.tile(np.linspace(0, 2, 60)[:, None], 2))
+    figure = figures.plot_trajectories(moving, {"m": moving.values}, shown.read_phones(), "y")
+    assert figure.axes[0].get_ylim() == pytest.approx((-0.12, 2.12))

@@ -126,7 +126,7 @@ def test_the_arrays_cannot_be_written_to_and_are_copies() -> None:
         ({"triangles": np.zeros((0, 3), dtype=int)}, "no usable triangles"),
         ({"triangles": np.array([[0, 1, 2, 3]])}, "no usable triangles"),
         ({"triangles": np.array([0, 1, 2])}, "no usable triangles"),
-        ({"triangles": np.array([[0, 1, 4]])}, "triangle 0 .*found \\[0, 1, 4\\], expected 0 to 3"),
+        ({"triangles": np.array([[0, 1, 4]])}, "triangle 0 .*found 0, 1, 4, expected 0 to 3"),
         ({"triangles": np.array([[0, 1, 2], [0, -1, 2]])}, "triangle 1"),
         ({"parts": (Part("skin", range(1, 4), range(2)),)}, "'skin' .* vertices"),
         ({"parts": (Part("skin", range(4), range(1)),)}, "do not cover the triangles"),

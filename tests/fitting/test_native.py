@@ -18,7 +18,7 @@ from mocap_fit.tracks import MarkerTracks
 
 native = pytest.importorskip("mocap_fit.fitting.native", reason="needs numba")
 from mocap_fit.fitting.compiled_solver import CompiledSolver  # noqa: E402
-from mocap_fit.fitting.packed_binding import pack, pack_frames  # noqa: E402
+from mocap_fit.fitting.packed_binding import allocate_aligned, pack, pack_frames  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
 here = pytest.mark.skipif(native.load_library() is None, reason="this nlopt shows no C functions")
@@ -228,3 +228,26 @@ def test_without_numba_the_answers_are_the_same(binding: Binding, recording, tmp
             fit.parameters.standard_deviations,
             rtol=1e-3,
         )
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_bounds_are_those_of_the_search_whichever_way_it_is_made(
+    binding: Binding, make_tracks, some_values, monkeypatch, side
+) -> None:
+    """Beyond a bound the other parameters make the best of it, and are not only cut off."""
+    beyond = some_values.copy()
+    beyond[0] = binding.rig.bounds[0, side] + (0.4 if side else -0.4)
+    recording = make_tracks(binding, beyond)
+    fast = fit_shape(binding, recording, objective="squares")
+    monkeypatch.setattr(native, "load_library", lambda: None)
+    slow = fit_shape(binding, recording, objective="squares")
+    assert fast.parameters.values[0, 0] == pytest.approx(binding.rig.bounds[0, side])
+    np.testing.assert_allclose(slow.parameters.values, fast.parameters.values, atol=2e-4)
+    np.testing.assert_allclose(slow.costs, fast.costs, rtol=1e-6)
+
+
+def test_arrays_of_the_kernel_begin_on_a_line_of_the_cache() -> None:
+    arrays = [allocate_aligned(*shape) for shape in [(1,), (5, 3), (7,), (96, 2)] * 8]
+    assert all(array.ctypes.data % 64 == 0 for array in arrays)
+    assert [array.shape for array in arrays[:4]] == [(1,), (5, 3), (7,), (96, 2)]
+    assert not any(array.any() for array in arrays)

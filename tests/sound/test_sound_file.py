@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from mocap_fit.errors import DataError, FileFormatError, MocapFitError, MocapFitWarning
 from mocap_fit.sound import SOUND_ENDINGS, Sound, is_plain_wav, read_sound, write_sound
+from mocap_fit.sound.sound_file import _remove_clock_time
 
 COUNT = 3000
 PCM = (8000 * np.sin(np.arange(COUNT) * 0.05) + np.arange(COUNT) % 7).astype("<i2")
@@ -464,3 +465,15 @@ class TestWriting:
         write_sound(Sound(np.zeros((0, 1)), 8000), tmp_path / "a.wav")
         with pytest.raises(FileFormatError, match="no sample"):
             read_sound(tmp_path / "a.wav")
+
+
+@pytest.mark.parametrize("size", [16, 17, 18, 19, 40])
+def test_the_time_of_peaks_is_removed_behind_chunks_of_any_size(size):
+    before = form()[:8] + bytes(8) + chunk(b"junk", bytes(size))
+    peak = chunk(b"PEAK", struct.pack("<II", 1, 1234567890) + bytes(8))
+    content = riff(before[16:], peak, chunk(b"data", DATA))
+    found = _remove_clock_time(content)
+    assert found == content.replace(struct.pack("<I", 1234567890), bytes(4))
+    assert _remove_clock_time(RIGHT) == RIGHT
+    # A chunk that begins at the very end has no time.
+    assert _remove_clock_time(riff(form(), peak[:12])) == riff(form(), peak[:12])

@@ -273,7 +273,7 @@ def test_foreign_and_absent_files_are_refused(tmp_path):
         read_parquet(path)
     with pytest.raises(MissingFileError, match="no such file"):
         read_parquet(tmp_path / "nowhere.parquet")
-    with pytest.raises(FileFormatError, match="cannot be read"):
+    with pytest.raises(FileFormatError, match="this is a folder"):
         read_parquet(tmp_path)
 
 
