@@ -102,11 +102,13 @@ class TestFrequency:
         _, step = _estimate_frequency(channel - channel.mean(), 1000.0, 2e-3)
         assert 1 / step == pytest.approx(60 * 2 * len(channel), rel=0.01)
 
-    def test_hum_near_one_multiple_does_not_hide_the_others(self):
+    @pytest.mark.parametrize("level", [1e-12, 1.0, 1e12])
+    def test_hum_near_one_multiple_does_not_hide_the_others(self, level):
         channel = comb(100.0, 300, 2)
         times = np.arange(len(channel))
         hum = 3 * np.sin(2 * np.pi * times * 5 * 1.0008 / 100)
-        frequency, step = _estimate_frequency(channel - channel.mean() + hum, 100.0, 2e-3)
+        noisy = level * (channel - channel.mean() + hum)
+        frequency, step = _estimate_frequency(noisy, 100.0, 2e-3)
         assert frequency == pytest.approx(0.01, abs=2 * step)
 
 
