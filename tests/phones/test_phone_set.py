@@ -260,9 +260,61 @@ def test_what_is_computed_agrees_with_the_tables(ipa, name):
     assert differ == {"sv-sta": ["T", "D", "N", "S", "TJ", "L"]}.get(name, [])
 
 
-@pytest.mark.parametrize("label", ["!", "abc", "tt", "nd", "ˈ", "a˥", "1"])
+@pytest.mark.parametrize("label", ["!", "abc", "tt", "nd", "pt", "ˈ", "a˥", "˥", "ʲ", "1"])
 def test_what_is_not_one_sound_is_not_a_phone(ipa, label):
     assert ipa.parse(label) is None
+
+
+@pytest.mark.parametrize("label", ["k͡p", "ɡ͡b", "ŋ͡m", "kp", "gb", "ɡ͡bʷ"])
+def test_two_closures_at_once_close_the_lips(ipa, label):
+    assert "bilabial_stop" in ipa.get_classes(label)
+    assert ipa.get_phone(label).values["velar"] == 1
+    assert ipa.is_resistant(label, "lower_lip_depression")
+
+
+@pytest.mark.parametrize("label", ["s", "z", "ʃ", "ʒ", "ʂ", "ʐ", "ɕ", "ʑ", "s̻", "tɕ", "d͡ʑ", "sʲ"])
+def test_sibilants_keep_the_teeth_together(ipa, label):
+    assert "fricative" in ipa.get_classes(label)
+    assert ipa.is_resistant(label, "jaw_rotation")
+    assert not ipa.is_resistant("ç", "jaw_rotation")
+
+
+@pytest.mark.parametrize("label", ["ʂ", "ʐ", "ʈ͡ʂ", "ɖʐ"])
+def test_retroflex_sibilants_are_rounded_as_in_swedish(ipa, label):
+    swedish, computed = SETS["sv-sta"].get_phone("2S").values, ipa.get_phone(label).values
+    for name in ("rounded", "protruded", "retroflex", "alveolar"):
+        assert computed[name] == swedish[name]
+
+
+def test_sounds_that_panphon_has_elsewhere(ipa):
+    values = {label: ipa.get_phone(label).values for label in ("ɐ", "ə", "a", "ɮ", "ɬ", "ʃʲ", "ʃ")}
+    assert values["ə"]["open"] < values["ɐ"]["open"] < values["a"]["open"]
+    assert (values["ɮ"]["alveolar"], values["ɮ"]["retroflex"]) == (1, 0)
+    assert {**values["ɮ"], "voiced": 0} == dict(values["ɬ"])
+    assert values["ʃʲ"]["protruded"] == values["ʃ"]["protruded"]
+
+
+@pytest.mark.parametrize(
+    ("label", "ipa_letter"),
+    [
+        ("ε", "ɛ"),
+        ("Φ", "ɸ"),
+        ("φ", "ɸ"),
+        ("γ", "ɣ"),
+        ("δ", "ð"),
+        ("ꞵ", "β"),
+        ("ꭓ", "χ"),
+        ("α", "ɑ"),
+    ],
+)
+def test_greek_letters_stand_for_ipa(ipa, label, ipa_letter):
+    assert ipa.get_phone(label).symbol == ipa.get_phone(ipa_letter).symbol
+    assert ipa.parse(label + "ː") == ipa.parse(ipa_letter + "ː")
+
+
+def test_pressed_lips_are_a_little_rounded(ipa):
+    values = ipa.get_phone("ɯᵝ").values
+    assert ipa.get_phone("ɯ").values["rounded"] < values["rounded"] < 0.6
 
 
 def test_two_ways_to_code_a_sound_are_one_symbol(ipa):

@@ -47,6 +47,20 @@ def test_labels(tmp_path, capsys):
     assert "0.25" in fault
 
 
+def test_the_phone_set_that_labels_fit_best(tmp_path, capsys):
+    def name_sets(*labels):
+        lines = [f"{i}00000 {i + 1}00000 {label}\n" for i, label in enumerate(labels)]
+        (tmp_path / "a.lab").write_text("".join(lines))
+        (told,) = info(capsys, tmp_path / "a.lab")
+        return told["tiers"][0]["phone_sets"]
+
+    assert name_sets("DH", "AH0", "K", "AE1") == ["en-arpabet"]
+    assert name_sets("DH", "AH0", "K", "AE1", "noise!") == ["en-arpabet (4 of 5)"]
+    assert name_sets("hello", "world") == []
+    pytest.importorskip("panphon")
+    assert name_sets("g", "u:", "t", "@", "n", "OY") == ["x-sampa"]
+
+
 def test_many_utterances_in_one_file_of_labels(tmp_path, capsys):
     path = tmp_path / "a.mlf"
     path.write_text('#!MLF!#\n"*/a.lab"\n0 1000000 AA\n.\n"*/b.lab"\n0 2000000 B\n.\n')
