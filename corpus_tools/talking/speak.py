@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -230,6 +231,7 @@ def speak(
     """
     from mocap_fit.render import render_movie
     from mocap_fit.render.movie_file import find_ffmpeg, get_movie_kind
+    from mocap_fit.synthesis.espeak_voices import find_language
 
     look = Look() if look is None else look
     file = Path(out)
@@ -238,6 +240,7 @@ def speak(
         find_ffmpeg()
     rig = load_face(look.face)
     wanted = Source(source) if isinstance(source, str) else source
+    wanted = dataclasses.replace(wanted, language=find_language(wanted.language))
     read = [wanted.labels, wanted.tracks, wanted.sound, wanted.phone_set, *models]
     read += [look.markers, look.reference, look.layout, look.face]
     check_targets([file], read)

@@ -57,8 +57,9 @@ def stream(
     """
     from mocap_fit.face import load_face
     from mocap_fit.phones import load_phone_set
-    from mocap_fit.synthesis.espeak_voices import find_voice
+    from mocap_fit.synthesis.espeak_voices import find_language, find_voice
 
+    language = find_language(language)
     phone_set = load_phone_set(find_voice(language).phone_set)
     face = load_face()
     names = face.parameter_names

@@ -90,6 +90,26 @@ LANGUAGES: dict[str, EspeakVoice] = {
 _OTHERS = {"nn": "nb", "iw": "he", "in": "id", "mo": "ro", "sh": "hr", "tl": "id"}
 
 
+def find_language(tag: str) -> str:
+    """Find the language of a tag among those with a phone set.
+
+    Parameters
+    ----------
+    tag
+        A tag of a language, such as ``sv-SE`` or ``en_US``.
+
+    Returns
+    -------
+    str
+        One of `LANGUAGES`, or the tag.
+    """
+    language, _, region = tag.strip().replace("_", "-").casefold().partition("-")
+    # Other regions have English voices of their own.
+    if language in LANGUAGES and (language != "en" or region in ("", "us")):
+        return language
+    return tag
+
+
 def find_voice(language: str) -> EspeakVoice:
     """Find the voice of a language.
 
@@ -104,10 +124,8 @@ def find_voice(language: str) -> EspeakVoice:
     EspeakVoice
         The voice; espeak-ng decides whether there is one.
     """
-    tag = language.strip().replace("_", "-").casefold()
-    first, _, region = tag.partition("-")
-    if first in LANGUAGES and (first != "en" or not region):
-        return LANGUAGES[first]
-    if first in _OTHERS:
-        return EspeakVoice(_OTHERS[first])
-    return EspeakVoice(language)
+    language = find_language(language)
+    if language in LANGUAGES:
+        return LANGUAGES[language]
+    first = re.split("[-_]", language.strip().casefold())[0]
+    return EspeakVoice(_OTHERS.get(first, language))

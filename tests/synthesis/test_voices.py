@@ -126,6 +126,7 @@ def test_unknown_sounds_of_a_text_are_one_warning():
         ("sv-SE", "sv"),
         ("cs_CZ", "cs"),
         ("en", "en-us"),
+        ("en_US", "en-us"),
         ("en-gb", "en-gb"),
         ("nn-NO", "nb"),
         ("de-AT", "de-AT"),
