@@ -18,6 +18,8 @@ from mocap_fit.settings_file import StrictModel, list_shipped, load_settings
 _KINDS = (*PLACES, *MANNERS)
 # A tier with more different labels does not hold phones.
 _MAX_SYMBOLS = 400
+# Letters of most symbols of phones.
+_LONGEST = 4
 _Share = Annotated[float, Field(ge=0, le=1)]
 _Graded = Annotated[float, Field(ge=-1, le=1)]
 _Text = Annotated[str, Field(min_length=1)]
@@ -237,13 +239,19 @@ def find_phone_sets(symbols: Collection[str]) -> tuple[tuple[str, ...], int]:
         Number of labels that these have; without names where there are too many for phones.
     """
     fits: dict[str, tuple[int, bool]] = {}
-    for name in list_phone_sets() if 0 < len(symbols) <= _MAX_SYMBOLS else ():
-        phone_set = load_phone_set(name)
+    sets = map(load_phone_set, list_phone_sets() if 0 < len(symbols) <= _MAX_SYMBOLS else ())
+    are_short = sum(len(symbol) <= _LONGEST for symbol in symbols) >= 0.5 * len(symbols)
+    for phone_set in sorted(sets, key=lambda each: each.compute is not None):
+        # Features take a second to load, which words are not worth.
+        if phone_set.compute is not None and (
+            (len(symbols), True) in fits.values() or not are_short
+        ):
+            continue
         try:
             count = sum(phone_set.parse(symbol) is not None for symbol in symbols)
         except MissingExtraError:
             continue
         if count:
-            fits[name] = count, phone_set.compute is None
+            fits[phone_set.name] = count, phone_set.compute is None
     best = max(fits.values(), default=(0, False))
     return tuple(name for name, fit in fits.items() if fit == best), best[0]
