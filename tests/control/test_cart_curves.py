@@ -20,7 +20,9 @@ from mocap_fit.control.cart import (
     write_tree,
 )
 from mocap_fit.control.cart.closures import Closure
+from mocap_fit.control.cart.contexts import Alphabet
 from mocap_fit.control.cart.curves import interpolate
+from mocap_fit.control.cart.examples import find_resistant
 from mocap_fit.errors import DataError, FileFormatError
 
 INTERPOLATIONS = ("cubic", "linear", "cosine")
@@ -247,3 +249,24 @@ def test_the_same_corpus_gives_the_same_file_whatever_is_learned_before(tmp_path
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
     other = Cart(random_state=1).fit(spoken)
     assert json.dumps(other.get_params()) != json.dumps(Cart().get_params())
+
+
+@pytest.mark.parametrize(
+    ("square", "count", "resists"), [(0.43, 10, True), (0.44, 10, False), (0.1, 9, False)]
+)
+def test_a_phone_resists_that_varies_by_less_than_half_of_what_all_do(square, count, resists):
+    """Ten S at plus and minus a, a hundred T at plus and minus 1, with n - 1 degrees of freedom.
+
+    Ten a² / 9 is half of (10 a² + 100) / 108 where a² is 0.4348.
+    """
+    symbols = ["sil", *["S"] * count, *["T"] * 100, "sil"]
+    phones = sentence(symbols, np.random.default_rng(0), "u", SWEDISH)
+    values = np.tile([1.0, -1.0], 200)[: len(symbols)]
+    values[1 : 1 + count] *= np.sqrt(square)
+    if count % 2:
+        values[count] = 0.0
+    values[[0, -1]] = 99.0
+    alphabet = Alphabet(("S", "T"), SWEDISH)
+    found = find_resistant(alphabet, ("x",), np.array([False]), [phones], [values[:, None]])
+    assert found[alphabet.get_level("S"), 0] == resists
+    assert not found[alphabet.get_level("T"), 0]

@@ -12,6 +12,7 @@ from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.fitting import Speaker, bind_markers, fit_orientation, fit_shape, fit_speaker
 from mocap_fit.fitting import load_layout as load
 from mocap_fit.fitting.precision import compute_covariance
+from mocap_fit.fitting.speaker import _flatten
 
 pytestmark = pytest.mark.filterwarnings("ignore:the head.s pose is not known")
 
@@ -289,3 +290,27 @@ def test_results_of_other_faces_are_told_apart(noisy, layout, speaker):
     }
     assert len(fingerprints) == 2
     assert speaker.compute_fingerprint() not in fingerprints
+
+
+def test_contents_that_differ_have_other_bytes():
+    """Lists begin with their lengths, so that what is in which of them counts."""
+    values = [
+        [["a"], ["b"]],
+        [["a", "b"], []],
+        ["a", "b"],
+        {"a": "b"},
+        {"a": ["b"]},
+        np.zeros(2),
+        np.zeros((2, 1)),
+        np.zeros(2, np.float32),
+        1,
+        1.0,
+        "1",
+        None,
+        np.float64(2.0),
+    ]
+    found = [b"".join(_flatten(value)) for value in values]
+    assert len(set(found)) == len(values) - 1  # a mapping is the list of its keys and values
+    assert found[2] == found[3]
+    with pytest.raises(TypeError, match="a object has no fingerprint"):
+        list(_flatten(object()))

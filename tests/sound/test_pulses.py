@@ -307,6 +307,14 @@ class TestNumbers:
         np.testing.assert_array_equal(np.flatnonzero(~decoded.present), [2, 4])
         assert decoded.frames == 7
 
+    def test_seven_pulses_of_ten_are_enough(self, make_train):
+        train = make_train(16000, frames=10)
+        channel = train.channel.copy()
+        for sample in train.samples[[2, 4, 6]]:
+            channel[sample : sample + 24] = 0
+        decoded = decode_pulses(channel, 16000, 60.0)
+        np.testing.assert_array_equal(np.flatnonzero(~decoded.present), [2, 4, 6])
+
     def test_three_pulses_are_the_least(self, make_train):
         with pytest.raises(DataError, match="does not hold"):
             decode_pulses(make_train(frames=2).channel, 48000, 60.0)

@@ -475,5 +475,7 @@ def test_the_time_of_peaks_is_removed_behind_chunks_of_any_size(size):
     found = _remove_clock_time(content)
     assert found == content.replace(struct.pack("<I", 1234567890), bytes(4))
     assert _remove_clock_time(RIGHT) == RIGHT
+    last = riff(form(), peak)
+    assert _remove_clock_time(last) == last.replace(struct.pack("<I", 1234567890), bytes(4))
     # A chunk that begins at the very end has no time.
     assert _remove_clock_time(riff(form(), peak[:12])) == riff(form(), peak[:12])

@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from mocap_fit.errors import FileFormatError
-from mocap_fit.tracks.parquet_file import read_kind, read_table, write_table
+from mocap_fit.tracks.parquet_file import check_types, read_kind, read_table, write_table
 
 
 def columns(count=3):
@@ -69,3 +69,14 @@ def test_a_kind_is_text_and_one_of_those_that_are_wanted(tmp_path):
     write_table(columns(), {"kind": "noise"}, path)
     with pytest.raises(FileFormatError, match=r"used as sound \(found noise, expected sound, ton"):
         read_table(path, ("sound", "tone"), "sound", "")
+
+
+def test_columns_have_their_types_and_lack_values_where_they_may():
+    table = pa.table({"a": pa.array([1.0, None]), "b": pa.array([1, 2])})
+    with pytest.raises(TypeError, match="the column a lacks 1 values"):
+        check_types(table, {"a": pa.float64(), "b": pa.int64()})
+    check_types(table, {"a": pa.float64(), "b": pa.int64()}, ("a",))
+    with pytest.raises(TypeError, match="the column b holds int64 and not double"):
+        check_types(table, {"b": pa.float64()})
+    with pytest.raises(KeyError):
+        check_types(table, {"c": pa.float64()})
