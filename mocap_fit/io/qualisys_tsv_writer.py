@@ -104,12 +104,6 @@ def _check_name(name: str) -> None:
             expected="a name without tabs, line ends, or blanks before or after it",
             advice="Rename it.",
         )
-    try:
-        name.encode("utf-8")
-    except UnicodeEncodeError:
-        raise DataError("a name is not Unicode text", found=ascii(name), advice="Rename it.") from (
-            None
-        )
 
 
 def _list_header(tracks: MarkerTracks, trajectory_types: bool) -> list[str]:

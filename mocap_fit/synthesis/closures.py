@@ -99,24 +99,26 @@ def find_closures(
     tuple of Interval
         In the order of time.
     """
-    spans: list[Interval] = []
+    closures: list[Interval] = []
+    last = -math.inf
     for segment in phones:
         if "bilabial_stop" not in phone_set.get_phone(segment).get_classes():
             continue
-        if spans and segment.start - spans[-1].end < 1e-6:
-            spans[-1] = Interval(spans[-1].start, segment.end)
+        moving = min(_MOVING * (segment.end - segment.start), _LONGEST_MOVING)
+        if segment.start - last < 1e-6:
+            closures[-1] = Interval(closures[-1].start, segment.end - moving)
         else:
-            spans.append(Interval(segment.start, segment.end))
-    closures = []
-    for start, end in spans:
-        moving = min(_MOVING * (end - start), _LONGEST_MOVING)
-        closure = Interval(start + moving, end - moving)
-        # A frame inside has no distance.
-        following = start_time + math.ceil((closure.start - start_time) * rate - 1e-9) / rate
-        late, early = following - closure.end, closure.start - (following - 1 / rate)
-        shift = max(late, 0.0) if late <= early else -early
-        closures.append(Interval(closure.start + shift, closure.end + shift))
-    return tuple(closures)
+            closures.append(Interval(segment.start + moving, segment.end - moving))
+        last = segment.end
+    return tuple(_move_to_frame(closure, rate, start_time) for closure in closures)
+
+
+def _move_to_frame(closure: Interval, rate: float, start_time: float) -> Interval:
+    following = start_time + math.ceil((closure.start - start_time) * rate - 1e-9) / rate
+    # A frame inside is not late.
+    late, early = following - closure.end, closure.start - (following - 1 / rate)
+    shift = max(late, 0.0) if late <= early else -early
+    return Interval(closure.start + shift, closure.end + shift)
 
 
 def close_lips(

@@ -147,7 +147,7 @@ def test_a_point_at_the_origin_stays_visible(tmp_path: Path) -> None:
     assert np.abs(back.positions - tracks.positions).max() < 0.0005
 
 
-@pytest.mark.parametrize("name", ["a\tb", "a\nb", " a", "a ", "a\x00b", "", "a\ud800"])
+@pytest.mark.parametrize("name", ["a\tb", "a\nb", " a", "a ", "a\x00b", ""])
 def test_a_name_that_would_break_the_file(name: str, tmp_path: Path) -> None:
     tracks = MarkerTracks((name,), 50, np.ones((1, 1, 3)))
     with pytest.raises(DataError):

@@ -39,9 +39,14 @@ class TestWhen:
     def test_bilabials_that_touch_are_one_closure(self):
         phones = sequence(("A", 0.1), ("M", 0.04), ("P", 0.04), ("A", 0.1), ("B", 0.1), ("S", 0.1))
         one, two = find_closures(phones, PHONES, 1000.0)
-        # The lips still move, and move already, in 15 ms at both ends.
-        assert one == pytest.approx((0.115, 0.165))
+        # The lips still move, and move already, in a quarter of a phone, or 15 ms.
+        assert one == pytest.approx((0.11, 0.17))
         assert two == pytest.approx((0.295, 0.365))
+
+    def test_each_of_those_that_touch_is_closed(self):
+        (closure,) = find_closures(sequence(("A", 0.1), ("B", 0.09), ("B", 0.026)), PHONES, 1000.0)
+        # Of the second, which is short, half is at rest.
+        assert closure == pytest.approx((0.115, 0.216 - 0.0065))
 
     def test_a_short_one_keeps_half_of_its_duration(self):
         (closure,) = find_closures(sequence(("A", 0.1), ("B", 0.02)), PHONES, 1000.0)
