@@ -48,3 +48,11 @@ class TestSound:
     def test_impossible_ones_are_refused(self, samples, rate, problem):
         with pytest.raises(DataError, match=problem):
             Sound(samples, rate)
+
+
+def test_name_and_encoding_are_given_by_name():
+    for positional in (("take",), ("take", "FLOAT")):
+        with pytest.raises(TypeError, match="positional"):
+            Sound(np.zeros(3), 8000, *positional)
+    sound = Sound(np.zeros(3), 8000)
+    assert (sound.name, sound.encoding) == ("", "PCM_16")

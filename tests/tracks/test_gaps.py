@@ -190,3 +190,24 @@ def test_a_tenth_of_a_second_is_filled_where_nothing_else_is_said():
 def test_nothing_is_missing_of_no_frame():
     empty = MarkerTracks(("a",), RATE, np.zeros((0, 1, 3)))
     assert count_gaps(empty).markers[0].share == 0.0
+
+
+@pytest.mark.parametrize("between", [1, 2, 3])
+def test_rigid_filling_of_two_gaps_with_few_frames_between(rng, between):
+    """Each is led into its own edges: the marker is off by another amount at each of them."""
+    truth = head(rng, noise=0.0)
+    slipped = truth.positions.copy()
+    middle = 110 + between
+    slipped[:105, 2] += [0.4, 0, 0]
+    slipped[110:middle, 2] += [0, 0.8, 0]
+    gappy = without(truth.replace(positions=slipped), (2, 105, 110), (2, middle, middle + 6))
+    filled = fill_gaps(gappy, "rigid", 1.0, truth.names)
+    off = np.linalg.norm(filled.positions - truth.positions, axis=2)[:, 2]
+    assert (off[105:110] < 0.81).all()
+    # From 0.8 beside the second gap to nothing behind it, evenly in the coordinates of the head.
+    expected = 0.8 * (1 - np.arange(1, 7) / 7)
+    np.testing.assert_allclose(off[middle : middle + 6], expected, atol=1e-6)
+    before, after = np.array([0.4, 0, 0]), np.array([0, 0.8, 0])
+    share = np.arange(1, 6)[:, None] / 6
+    inner = np.linalg.norm((1 - share) * before + share * after, axis=1)
+    assert np.abs(off[105:110] - inner).max() < 0.15

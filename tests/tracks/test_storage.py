@@ -380,3 +380,11 @@ def test_columns_of_markers_and_poses_have_the_names_of_the_reference(tmp_path):
     markers = to_frame(MarkerTracks(("a", "b"), 50, np.arange(12.0).reshape(2, 2, 3)))
     assert list(markers)[2:] == [f"{m}_{c}" for m in "ab" for c in ("x", "y", "z", "origin")]
     assert markers["b_y"].tolist() == [4.0, 10.0]
+
+
+def test_one_row_tells_no_rate():
+    table = to_frame(parameters()).iloc[:1]
+    table.attrs = {}
+    with pytest.raises(DataError, match="the table does not tell its rate"):
+        from_frame(table)
+    assert from_frame(table, rate=25).rate == 25
