@@ -186,6 +186,10 @@ class MocapFitWarning(UserWarning):
     """A warning about data that were corrected or left out."""
 
 
+class SmallCorpusWarning(MocapFitWarning):
+    """A warning that a model learns from few utterances, or stops by one."""
+
+
 def add_path(error: _AnyError, path: str | os.PathLike[str]) -> _AnyError:
     """Return a copy of an error that names a file, or the error itself where it names one.
 

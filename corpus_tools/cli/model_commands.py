@@ -178,8 +178,11 @@ def _print_evaluation(report: EvaluationReport) -> None:
         "average over the parameters, 95 % intervals over utterances:\n"
     )
     screen.print(display.create_table(*scores.to_rows(GROUPS[:1])), "")
+    for note in scores.notes:
+        screen.print(note, "", sep="\n", markup=False)
     if report.landmarks is not None:
-        table = display.create_table(*report.landmarks.to_rows())
+        header, rows = report.landmarks.to_rows()
+        table = display.create_table(header, [[scores.mark(row[0]), *row[1:]] for row in rows])
         screen.print(LANDMARKS_EXPLAINED, "", table, "", sep="\n")
     display.print_lines("Written:", *(f"  {path}" for path in report.files))
 

@@ -1,4 +1,4 @@
-"""Compare a fit with the truth of a simulation: errors, and their lower bounds."""
+"""Compare a fit with the truth of a simulation: errors, their bounds, and intervals."""
 
 from __future__ import annotations
 
@@ -76,14 +76,16 @@ class Accuracy:
     errors
         Root mean square errors, ``(parameters,)``, full gestures.
     bounds
-        Lower bounds of the errors, ``(parameters,)``, full gestures; NaN where not computed.
+        Cramér-Rao bounds of single frames, ``(parameters,)``, full gestures; NaN where not
+        computed.
     correlations
         Correlations of fit and truth, ``(parameters,)``, -1 to 1.
     head_shift, head_turn
         Root mean square error of the head's pose: millimetres at the centroid of the reference
         markers, and radians.
     head_shift_bound, head_turn_bound
-        Lower bounds of these from the noise of the reference markers, millimetres and radians.
+        Cramér-Rao bounds of these in single frames, from the noise of the reference markers,
+        millimetres and radians.
     frames, fitted
         Number of frames, and of those that were fitted.
     """
@@ -189,11 +191,37 @@ def measure_accuracy(
     )
 
 
+def measure_coverage(recordings: Sequence[FittedRecording], binding: Binding) -> FloatArray:
+    """Measure how often the 95 % intervals of the parameters contain the truth.
+
+    Parameters
+    ----------
+    recordings
+        The fits and their truth.
+    binding
+        The virtual markers that were fitted.
+
+    Returns
+    -------
+    ndarray
+        Part of the true values that lie inside the parameter's bounds, ``(parameters,)``, 0 to 1.
+    """
+    fitted = [r.fit.parameters for r in recordings]
+    true = np.concatenate([r.truth.values for r in recordings])
+    errors = np.concatenate([tracks.values for tracks in fitted]) - true
+    deviations = np.concatenate([tracks.standard_deviations for tracks in fitted])
+    lower, upper = binding.rig.bounds.T
+    used = np.isfinite(errors) & np.isfinite(deviations) & (true > lower) & (true < upper)
+    covered = used & (np.abs(errors) <= 1.96 * deviations)
+    return np.asarray(covered.sum(axis=0) / used.sum(axis=0))
+
+
 def compute_bounds(
     recording: FittedRecording, binding: Binding, noise: float, *, pose_known: bool = False
 ) -> FloatArray:
-    """Compute the Cramér-Rao bound on the parameters of every frame, as a standard deviation.
+    """Compute the Cramér-Rao bound on the parameters of each frame alone, a standard deviation.
 
+    It binds what knows nothing but the frame: smoothness, or a pose from all markers, goes below.
     From the Jacobian of the visible markers at the true parameters, propagated through the
     head's pose as the visible reference markers determine it (`mocap_fit.fitting.precision`),
     unless the pose was known.

@@ -134,7 +134,7 @@ def draw_residuals(recording: FittedRecording) -> Figure:
 
 
 def draw_accuracy(by_objective: dict[str, Accuracy], noise: float) -> Figure:
-    """Draw the error of each parameter and its Cramér-Rao bound, for several objectives.
+    """Draw the error of each parameter and its bound in one frame, for several objectives.
 
     Parameters
     ----------
@@ -152,7 +152,9 @@ def draw_accuracy(by_objective: dict[str, Accuracy], noise: float) -> Figure:
     rows = np.arange(len(first.names))
     figure, axes = create_figure((8.0, 4.6), 1, 1)
     axis: Axes = axes[0, 0]
-    axis.barh(rows, 100 * first.bounds, color=PALE, height=0.72, label="Cramér-Rao bound")
+    axis.barh(
+        rows, 100 * first.bounds, color=PALE, height=0.72, label="Cramér-Rao bound of one frame"
+    )
     looks = (("o", BLUE, -0.14), ("D", RED, 0.14))
     for (objective, result), (mark, colour, shift) in zip(by_objective.items(), looks, strict=True):
         label = f"RMS error, {objective}"

@@ -184,7 +184,8 @@ def _draw(
 
 EXPLAINED = (
     "Errors are root mean squares in % of a full gesture (1.0 of the parameter). Bound: the "
-    "Cramér-Rao bound, from the markers that are seen and the head pose they give. r: "
+    "Cramér-Rao bound of one frame by itself, from the markers that are seen and the head pose "
+    "they give; a fit that looks at other frames or corrects the pose may go below it. r: "
     "correlation of the fit by distances with the truth; other r: the same for the other head."
 )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from corpus_tools.training.train import split_training
 from mocap_fit import control
 from mocap_fit.control import ControlModel
 from mocap_fit.corpus import Corpus, Utterance
+from mocap_fit.errors import SmallCorpusWarning
 from mocap_fit.evaluation import Evaluation, evaluate
 from mocap_fit.processes import count_cores
 from mocap_fit.tracks import ParameterTracks
@@ -155,7 +157,10 @@ def _train(
     advance = count_steps(progress, "training models", len(MODELS))
     for name, settings in MODELS.items():
         values = {**settings, **({"max_iter": epochs} if "max_iter" in settings else {})}
-        model = control.create(name, **values).fit(training, held_out)
+        with warnings.catch_warnings():
+            # The page says that they are few.
+            warnings.simplefilter("ignore", SmallCorpusWarning)
+            model = control.create(name, **values).fit(training, held_out)
         model.trained_on_["corpus"] = "demo"
         model.save(folder / f"{name}.model")
         advance()

@@ -69,7 +69,8 @@ class EvaluationReport:
     def __repr__(self) -> str:
         header, rows = self.scores.to_rows(GROUPS[:1])
         lines = [f"EvaluationReport({self.scores.utterances} utterances, page={self.files[0]})"]
-        return "\n".join([*lines, *("  " + "  ".join(row) for row in (header, *rows))])
+        lines += ["  " + "  ".join(row) for row in (header, *rows)]
+        return "\n".join([*lines, *self.scores.notes])
 
 
 def evaluate(
@@ -264,13 +265,16 @@ def write_evaluation(
     parts = format_sections(result, out, list(calls))
     if landmarks is not None:
         header, rows = landmarks.to_rows()
+        # The file has plain names, as the other tables have.
+        marked = [[result.mark(row[0]), *row[1:]] for row in rows]
         lines = [",".join(row) for row in (header, *rows)]
         write_text(out / "landmarks.csv", "\n".join(lines) + "\n")
         files.append(out / "landmarks.csv")
         parts += [
             html_page.format_heading("Compared with the markers"),
             html_page.format_paragraph(LANDMARKS_EXPLAINED),
-            html_page.format_table(header, rows),
+            html_page.format_table(header, marked),
+            *map(html_page.format_paragraph, result.notes),
         ]
     write_text(out / "index.html", html_page.format_page(title, parts))
     return [out / "index.html", *(out / name for name in (*tables, "evaluation.json")), *files]
@@ -300,12 +304,12 @@ def format_sections(result: Evaluation, out: Path, pictures: Sequence[str]) -> l
     }
     parts = [
         html_page.format_paragraph(
-            f"{result.utterances} utterances that no model was trained on, "
-            f"{result.frames[0]} frames of speech. RMSE in per cent of each parameter's range, "
-            "Pearson's correlation, both averaged over the parameters; in brackets the 95 % "
-            "interval by bootstrap over utterances."
+            f"{result.utterances} utterances, {result.frames[0]} frames of speech. RMSE in per "
+            "cent of each parameter's range, Pearson's correlation, both averaged over the "
+            "parameters; in brackets the 95 % interval by bootstrap over utterances."
         ),
         html_page.format_table(*result.to_rows()),
+        *map(html_page.format_paragraph, result.notes),
     ]
     if result.lips:
         lips = result.lips["target"]

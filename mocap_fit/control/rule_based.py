@@ -61,6 +61,7 @@ class RuleBased(ControlModel):
 
     name: ClassVar[str] = "rule-based"
     title: ClassVar[str] = "Rule-based"
+    learns: ClassVar[bool] = False
 
     def prepare(
         self,

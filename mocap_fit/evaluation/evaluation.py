@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import html
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -24,6 +25,7 @@ from mocap_fit.evaluation.measures import (
     GROUP_LABELS,
     GROUPS,
     SUMS,
+    Difference,
     average,
     compute_interval,
     compute_p_value,
@@ -34,6 +36,8 @@ from mocap_fit.evaluation.measures import (
 )
 from mocap_fit.evaluation.tables import (
     LIP_COLUMNS,
+    MARK,
+    MARK_EXPLAINED,
     format_html,
     format_lips,
     format_text,
@@ -48,33 +52,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 RESAMPLES = 2000
-
-
-@dataclass(frozen=True)
-class Difference:
-    """The first model's average error less the second's, paired by utterance.
-
-    Parameters
-    ----------
-    first, second
-        Names of the models.
-    group
-        Of the frames, one of `GROUPS`.
-    value
-        The difference, per cent of the range.
-    low, high
-        Its 95 % interval, per cent of the range.
-    p
-        Its two-sided p-value, 0 to 1.
-    """
-
-    first: str
-    second: str
-    group: str
-    value: float
-    low: float
-    high: float
-    p: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -107,6 +84,9 @@ class Evaluation:
         face is not known.
     seed
         Seed of the bootstrap.
+    stopped_by_test
+        Models whose training stopped by the test set (``protocol`` in `trained_on_` is
+        ``paper``): scores on that set are too good.
     """
 
     models: tuple[str, ...]
@@ -121,6 +101,7 @@ class Evaluation:
     parameter_counts: tuple[int, ...]
     lips: dict[str, LipScores]
     seed: int
+    stopped_by_test: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         best = self.rank_models()[0]
@@ -130,10 +111,31 @@ class Evaluation:
         )
 
     def __str__(self) -> str:
-        return format_text(*self.to_rows(GROUPS[:1]))
+        return "\n".join([format_text(*self.to_rows(GROUPS[:1])), *self.notes])
 
     def _repr_html_(self) -> str:
-        return format_html(*self.to_rows())
+        notes = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
+        return f"<div>{format_html(*self.to_rows())}{notes}</div>"
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the marks in the tables mean; empty where there are none."""
+        return (MARK_EXPLAINED,) if self.stopped_by_test else ()
+
+    def mark(self, name: str) -> str:
+        """Mark the name of a model whose training stopped by the test set.
+
+        Parameters
+        ----------
+        name
+            Of any model.
+
+        Returns
+        -------
+        str
+            The name, with an asterisk where its scores are too good.
+        """
+        return name + MARK * (name in self.stopped_by_test)
 
     def equals(self, other: object) -> bool:
         """Return whether another evaluation has the same scores and samples.
@@ -272,7 +274,7 @@ class Evaluation:
         rows = []
         for name in self.rank_models():
             i = self.models.index(name)
-            row = [name, str(self.parameter_counts[i])]
+            row = [self.mark(name), str(self.parameter_counts[i])]
             for g in map(GROUPS.index, groups):
                 row.append(format_value([float(part[i, g]) for part in rmse], 2))
                 row.append(format_value([float(part[i, g]) for part in correlation], 3))
@@ -295,7 +297,8 @@ class Evaluation:
             for second in order[i + 1 :]:
                 apart = self.compare(first, second)
                 interval = f"[{apart.low:+.3f}, {apart.high:+.3f}]"
-                rows.append([first, second, f"{apart.value:+.3f}", interval, f"{apart.p:.3f}"])
+                names = [self.mark(first), self.mark(second)]
+                rows.append([*names, f"{apart.value:+.3f}", interval, f"{apart.p:.3f}"])
         return ["first", "second", "difference (%)", "95 % interval", "p"], rows
 
     def to_frame(self) -> pd.DataFrame:
@@ -340,8 +343,13 @@ class Evaluation:
             "resamples": len(self.rmse_samples),
             "seed": self.seed,
             "models": {
-                name: {"free_parameters": self.parameter_counts[i]} for i, name in enumerate(names)
+                name: {
+                    "free_parameters": self.parameter_counts[i],
+                    "stopped_by_test_set": name in self.stopped_by_test,
+                }
+                for i, name in enumerate(names)
             },
+            "notes": list(self.notes),
             "lips": {name: scores.to_dict() for name, scores in self.lips.items()},
             "scores": self.to_frame().to_dict("records"),
             "differences": [
@@ -474,4 +482,5 @@ def evaluate(
         tuple(model.parameter_count for model in models.values()),
         {} if rig is None else lips,
         seed,
+        tuple(n for n, model in models.items() if model.trained_on_.get("protocol") == "paper"),
     )

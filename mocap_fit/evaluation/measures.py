@@ -18,6 +18,8 @@ matrix product and no second look at the tracks.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +32,33 @@ GROUPS = tuple(GROUP_LABELS)
 # What is summed over frames: 1, squared error, target, prediction, their squares, their product.
 _COUNT, _ERROR, _TARGET, _PREDICTED, _TARGETS, _PREDICTEDS, _PRODUCT = range(7)
 SUMS = 7
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The first model's average error less the second's, paired by utterance.
+
+    Parameters
+    ----------
+    first, second
+        Names of the models.
+    group
+        Of the frames, one of `GROUPS`.
+    value
+        The difference, per cent of the range.
+    low, high
+        Its 95 % interval, per cent of the range.
+    p
+        Its two-sided p-value, 0 to 1.
+    """
+
+    first: str
+    second: str
+    group: str
+    value: float
+    low: float
+    high: float
+    p: float
 
 
 def mark_groups(phones: PhoneSequence, phone_set: PhoneSet, times: FloatArray) -> NDArray[np.bool_]:

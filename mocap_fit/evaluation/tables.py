@@ -7,6 +7,12 @@ from collections.abc import Sequence
 
 from mocap_fit.evaluation.closure import LipScores, Share
 
+# Stands behind the name of a model whose training stopped by the test set.
+MARK = " *"
+MARK_EXPLAINED = (
+    "* Trained with the protocol paper: training stops where the error on the corpus's test set is "
+    "least, and scores on that set are better than on sentences that training has not seen."
+)
 LIP_COLUMNS = ("lips closed", "lip at teeth", "vowels open", "fastest, mm/s")
 
 

@@ -20,7 +20,7 @@ from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.fitting.binding import Binding, check_recording
 from mocap_fit.fitting.frame_costs import CostScale, FrameCosts, LocalCosts, compute_cost_scale
 from mocap_fit.fitting.objective import Evaluator, Objective, check_objective
-from mocap_fit.fitting.precision import estimate_noise
+from mocap_fit.fitting.precision import MISFIT_FACTOR, estimate_noise
 from mocap_fit.fitting.shape import ShapeFit, compute_root_mean_square
 from mocap_fit.fitting.smoothness import (
     BoolArray,
@@ -94,8 +94,9 @@ def fit_over_time(
     -------
     ShapeFit
         Bridged frames have the status `BRIDGED`. Standard deviations are those of the smooth
-        tracks, larger in gaps; infinite where the markers do not determine a parameter for longer
-        than the largest gap, or up to the beginning or the end of a segment.
+        tracks with the misfit of the face (`ShapeFit.misfit`), larger in gaps; infinite where the
+        markers do not determine a parameter for longer than the largest gap, or up to the
+        beginning or the end of a segment.
 
     Raises
     ------
@@ -138,7 +139,7 @@ def fit_over_time(
     longest = maximum_gap * rate + 1e-6
     slices = _split_at_gaps(fit.fitted, longest)
     segments = [FrameCosts(evaluator, targets[s], shown[s], objective, threshold) for s in slices]
-    starts = [_fill_gaps(fit.parameters.values[s], bounds) for s in slices]
+    starts = [np.clip(_fill_gaps(fit.parameters.values[s]), *bounds.T) for s in slices]
     local_costs = [data.at(start) for data, start in zip(segments, starts, strict=True)]
     noise = _estimate_noise(local_costs, segments)
     if not np.isfinite(noise):
@@ -160,6 +161,8 @@ def fit_over_time(
         strengths_of_all = _check_weight(weight, binding, evaluator)
         strengths = [np.tile(strengths_of_all, (max(len(start) - 2, 0), 1)) for start in starts]
     weights = _summarise_strengths(strengths)
+    # Smoothness takes noise away, but not what a face of another shape does to slow gestures.
+    misfit = MISFIT_FACTOR * fit.misfit * scale
 
     values = np.full(fit.parameters.values.shape, np.nan)
     deviations = np.full(values.shape, np.nan)
@@ -174,8 +177,9 @@ def fit_over_time(
         values[part], costs[part] = solution, here.costs
         evaluations[part] += rounds
         undetermined = np.isinf(fit.parameters.standard_deviations[part]) | ~fit.fitted[part, None]
+        variance = np.einsum("tpp->tp", spread) + (misfit * _fill_gaps(units[i])) ** 2
         deviations[part] = np.where(
-            _find_long_gaps(undetermined, longest), np.inf, np.sqrt(np.einsum("tpp->tp", spread))
+            _find_long_gaps(undetermined, longest), np.inf, np.sqrt(variance)
         )
         taken[part] = np.einsum("tij,tji->t", spread, here.information) / cost_scale.variance
         distance = np.linalg.norm(here.residuals, axis=2) / scale
@@ -408,12 +412,14 @@ def _split_at_gaps(fitted: BoolArray, longest: float) -> list[slice]:
     return [slice(int(a), int(b) + 1) for a, b in zip(firsts, lasts, strict=True)]
 
 
-def _fill_gaps(values: FloatArray, bounds: FloatArray) -> FloatArray:
-    """Fill gaps by straight lines, within bounds."""
-    there = np.flatnonzero(np.isfinite(values).all(axis=1))
-    frames = np.arange(len(values))
-    filled = np.stack([np.interp(frames, there, column[there]) for column in values.T], axis=1)
-    return np.asarray(np.clip(filled, bounds[:, 0], bounds[:, 1]))
+def _fill_gaps(values: FloatArray) -> FloatArray:
+    """Fill what is not finite by straight lines; by zeros where a column has nothing."""
+    filled, frames = np.zeros(values.shape), np.arange(len(values))
+    for p, column in enumerate(values.T):
+        there = np.flatnonzero(np.isfinite(column))
+        if len(there):
+            filled[:, p] = np.interp(frames, there, column[there])
+    return filled
 
 
 def _find_long_gaps(undetermined: BoolArray, longest: float) -> BoolArray:

@@ -20,7 +20,14 @@ from mocap_fit.fitting.objective import (
     compute_reference_jacobian,
 )
 from mocap_fit.fitting.orientation import move_by_pose
-from mocap_fit.fitting.precision import compute_covariance, compute_deviations, estimate_noise
+from mocap_fit.fitting.precision import (
+    MISFIT_FACTOR,
+    compute_covariance,
+    compute_deviations,
+    compute_pose_excess,
+    estimate_misfit,
+    estimate_noise,
+)
 from mocap_fit.fitting.solving import (
     ALGORITHMS,
     NEWTON_NLOPT,
@@ -67,8 +74,11 @@ class ShapeFit:
         (radians) about the centroid of the head markers, and translation (millimetres of the
         face); otherwise zeros.
     noise
-        Standard deviation of a marker's coordinate, estimated from the residuals, millimetres of
-        the speaker.
+        Standard deviation of a marker's coordinate, of noise and misfit, estimated from the
+        residuals, millimetres of the speaker.
+    misfit
+        Standard deviation of what remains in the residuals of a coordinate from frame to frame,
+        because the face is not the speaker's, millimetres of the speaker.
     """
 
     parameters: ParameterTracks
@@ -79,6 +89,7 @@ class ShapeFit:
     status: NDArray[np.int64]
     pose_corrections: FloatArray
     noise: float
+    misfit: float = 0.0
 
     @property
     def fitted(self) -> NDArray[np.bool_]:
@@ -231,11 +242,13 @@ def fit_shape(
     frame_solver = _choose_solver(
         binding, objective, huber_threshold * scale, solver, refine_pose, maximum_evaluations
     )
+    freedom = len(binding.parameter_names) + 6 * refine_pose
     parts, distances = [], np.full((recording.frames, len(binding.names)), np.nan)
+    products = np.full(distances.shape, np.nan)
     deviations = np.full((recording.frames, len(binding.parameter_names)), np.nan)
     for start in range(0, recording.frames, _CHUNK):
         chunk = slice(start, start + _CHUNK)
-        solution, distances[chunk], deviations[chunk] = _fit_chunk(
+        solution, distances[chunk], products[chunk], deviations[chunk] = _fit_chunk(
             binding, recording, chunk, frame_solver
         )
         parts.append(solution)
@@ -250,9 +263,11 @@ def fit_shape(
             advice="Check the head markers and the gaps with `mocap-fit info`.",
         )
     distances /= scale
-    noise = estimate_noise(
-        distances, binding.weights, len(binding.parameter_names) + 6 * refine_pose
-    )
+    noise = estimate_noise(distances, binding.weights, freedom)
+    misfit = min(estimate_misfit(products / scale**2, binding.weights, freedom), noise)
+    excess = 0.0 if refine_pose else _compute_pose_excess(binding, recording)
+    quick = (noise**2 - misfit**2) / (1.0 + excess)
+    noise = float(np.sqrt(quick + (MISFIT_FACTOR * misfit) ** 2))
     tracks = ParameterTracks(
         binding.parameter_names,
         recording.rate,
@@ -274,7 +289,18 @@ def fit_shape(
             **({"huber_threshold": huber_threshold} if objective == "huber" else {}),
         },
     )
-    return ShapeFit(tracks, binding.names, distances, *solution[1:], noise)
+    return ShapeFit(tracks, binding.names, distances, *solution[1:], noise, misfit)
+
+
+def _compute_pose_excess(binding: Binding, recording: MarkerTracks) -> float:
+    """Compute what the noise of the head's pose adds to the residuals' variance, at rest."""
+    names = [name for name in binding.head_names if name in recording.names]
+    posed = recording.visible[:, recording.indices(names)].sum(axis=1) >= 3
+    if not posed.any():
+        return 0.0
+    positions, jacobian = binding.evaluate(binding.reference_parameters)
+    head = binding.head_positions, binding.head_weights
+    return float(posed.mean()) * compute_pose_excess(jacobian, binding.weights, positions, *head)
 
 
 def compute_root_mean_square(distances: FloatArray) -> FloatArray:
@@ -358,10 +384,11 @@ def _choose_solver(
 
 def _fit_chunk(
     binding: Binding, recording: MarkerTracks, frames: slice, solver: Solver
-) -> tuple[Solution, FloatArray, FloatArray]:
-    """Fit some frames; return the solution, marker distances, and parameter deviations.
+) -> tuple[Solution, FloatArray, FloatArray, FloatArray]:
+    """Fit some frames; return the solution, marker distances, products, and parameter deviations.
 
-    Distances are in the face's millimetres, deviations per millimetre of noise.
+    Distances are in the face's millimetres, products of residuals of a frame and the next in
+    square millimetres, deviations per millimetre of noise.
     """
     positions = recording.positions[frames]
     targets = binding.orientation.apply(positions[:, recording.indices(binding.names)])
@@ -372,13 +399,15 @@ def _fit_chunk(
     seen = np.isfinite(targets[:, :, 0])
     usable = seen.sum(axis=1) >= 2
     solution = solver.solve(targets, head, usable)
-    distances = np.full(seen.shape, np.nan)
+    residuals = np.full(targets.shape, np.nan)
     deviations = np.full(solution.values.shape, np.nan)
     if usable.any():
-        distances[usable], deviations[usable] = _measure_quality(
+        residuals[usable], deviations[usable] = _measure_quality(
             binding, solution, targets, head, usable
         )
-    return solution, distances, deviations
+    products = np.full(seen.shape, np.nan)
+    products[:-1] = np.einsum("tmi,tmi->tm", residuals[:-1], residuals[1:])
+    return solution, np.linalg.norm(residuals, axis=2), products, deviations
 
 
 def _measure_quality(
@@ -388,7 +417,7 @@ def _measure_quality(
     head: FloatArray,
     usable: NDArray[np.bool_],
 ) -> tuple[FloatArray, FloatArray]:
-    """Compute marker distances and parameter deviations of the usable frames."""
+    """Compute marker residuals and parameter deviations of the usable frames."""
     evaluator = Evaluator(binding, "squares", 1.0)
     positions, jacobian = evaluator.evaluate_frames(solution.values[usable])
     corrections = solution.corrections[usable]
@@ -397,7 +426,6 @@ def _measure_quality(
         positions[i], _ = move_by_pose(positions[i], jacobian[i], centre, corrections[i])
     seen = np.isfinite(targets[usable, :, 0])
     weights = np.where(seen, binding.weights, 0.0)
-    distances = np.linalg.norm(positions - targets[usable], axis=2)
     deviations, bare = compute_deviations(
         jacobian,
         weights,
@@ -411,4 +439,4 @@ def _measure_quality(
         least = np.sqrt(np.diag(compute_covariance(everything, binding.weights)))
         uncertain = bare[partly] > _UNCERTAIN * least
         deviations[partly] = np.where(uncertain, np.inf, deviations[partly])
-    return distances, deviations
+    return positions - targets[usable], deviations

@@ -289,6 +289,29 @@ def test_scores_are_plotted(small_corpus):
     assert other.get_title() == "correlation"
 
 
+def test_a_model_that_stopped_by_the_test_set_is_marked(small_corpus):
+    models = {"half": trained(small_corpus, scale=0.5), "perfect": trained(small_corpus)}
+    plain = evaluate(small_corpus, models, face=None, resamples=50)
+    assert plain.notes == ()
+    assert "*" not in str(plain) + plain._repr_html_()
+    models["half"].trained_on_["protocol"] = "paper"
+    models["perfect"].trained_on_["protocol"] = "clean"
+    result = evaluate(small_corpus, models, face=None, resamples=50)
+    (note,) = result.notes
+    assert "protocol paper" in note
+    assert [row[0] for row in result.to_rows()[1]] == ["perfect", "half *"]
+    assert result.to_difference_rows()[1][0][:2] == ["perfect", "half *"]
+    assert str(result).splitlines()[-1] == note
+    assert ElementTree.fromstring(result._repr_html_()).findtext("p") == note
+    content = result.to_dict()
+    assert content["notes"] == [note]
+    assert content["models"]["half"]["stopped_by_test_set"] is True
+    assert content["models"]["perfect"]["stopped_by_test_set"] is False
+    # Names of models remain what the caller gave.
+    assert result.rank_models() == ("perfect", "half")
+    assert set(result.to_frame()["model"]) == {"perfect", "half"}
+
+
 def test_differences_are_the_cells_of_a_table(small_corpus):
     models = {"half": trained(small_corpus, scale=0.5), "perfect": trained(small_corpus)}
     models["shifted"] = trained(small_corpus, shift=0.003)

@@ -105,6 +105,38 @@ def test_the_protocols_take_their_own_parts(corpus_folder):
     assert (len(training), len(held_out)) == (18, 6)
 
 
+def test_a_model_of_the_papers_protocol_is_marked(corpus_folder, models, tmp_path, capsys):
+    paper, out = tmp_path / "paper.npz", tmp_path / "scores"
+    call = ["train", str(corpus_folder), "--model", "phone-mean", "--out", str(paper)]
+    assert cli.main([*call, "--protocol", "paper"]) == 0
+    files = [str(paper), str(models / "phone-mean.npz")]
+    call = ["evaluate", str(corpus_folder), *files, "--out", str(out)]
+    capsys.readouterr()
+    assert cli.main(call) == 0
+    shown = capsys.readouterr().out
+    title = control.load(paper).title
+    assert f"{title} (paper) *" in shown
+    assert f"{title} (phone-mean) *" not in shown
+    assert "* Trained with the protocol paper: " in shown
+    page = (out / "index.html").read_text()
+    assert f"{title} (paper) *" in page
+    assert "* Trained with the protocol paper: " in page
+    written = json.loads((out / "evaluation.json").read_text())
+    assert cli.main([*call, "--json"]) == 0
+    for report in (json.loads(capsys.readouterr().out), written):
+        marks = {name: each["stopped_by_test_set"] for name, each in report["models"].items()}
+        assert marks == {f"{title} (paper)": True, f"{title} (phone-mean)": False}
+        assert len(report["notes"]) == 1
+
+
+def test_a_training_on_few_sentences_says_what_to_expect(corpus_folder, tmp_path, capsys):
+    call = ["train", str(corpus_folder), "--model", "phone-mean", "--out", str(tmp_path / "m")]
+    assert cli.main([*call, "--validation", "0.01"]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "warning: training on 17 utterances: " in line
+    assert "a single utterance" in line
+
+
 def test_settings_are_read_as_toml_or_text():
     found = parse_settings(["stress=false", "hidden = [3, 4]", "kind=linear", "min-count=2.5"])
     assert found == {"stress": False, "hidden": (3, 4), "kind": "linear", "min_count": 2.5}
