@@ -478,8 +478,8 @@ def _warn_of_few(corpus: Corpus, validation: Corpus | None) -> None:
     if len(corpus) < _FEW_UTTERANCES:
         count = "1 utterance" if len(corpus) == 1 else f"{len(corpus)} utterances"
         texts.append(
-            f"training on {count}: errors will be larger (with 5, 10 and 25 simulated sentences they "
-            "are about 1.5, 1.3 and 1.1 times those with 50), and other sentences will give other "
+            f"training on {count}: errors will be larger (with 5, 10 and 25 simulated sentences "
+            "about 1.5, 1.3 and 1.1 times those with 50), and other sentences will give other "
             f"scores; compare models on {_FEW_UTTERANCES} or more"
         )
     if validation is not None and len(validation) == 1:
