@@ -259,11 +259,11 @@ def estimate_misfit(
     Returns
     -------
     float
-        Standard deviation, millimetres; 0 where it is within three standard errors of that.
+        Standard deviation, millimetres, whose square is less by its standard error.
     """
     sums, freedom = _sum_squares(products, weights, parameters)
-    total, deviation = float(sums.sum()), float(np.sqrt(np.sum(sums**2)))
-    return float(np.sqrt(total / freedom.sum())) if total > 3.0 * deviation else 0.0
+    least = float(sums.sum() - sums.std() * np.sqrt(len(sums))) if len(sums) else 0.0
+    return float(np.sqrt(least / freedom.sum())) if least > 0 else 0.0
 
 
 def _sum_squares(
