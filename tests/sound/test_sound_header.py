@@ -189,6 +189,10 @@ def test_other_headers_announce_their_samples():
     assert count_announced(io.BytesIO(nist.ljust(1024)), "NIST", 5) == 4711
     late = b"NIST_1A\n".ljust(1010, b" ") + b"\nsample_count -i 4711\n"
     assert count_announced(io.BytesIO(late), "NIST", 5) is None
+    for length, expected in ((1024, 47), (1025, None)):
+        field = b"\nsample_count -i 47\n"
+        ends = b"NIST_1A\n".ljust(length - len(field), b" ") + field
+        assert count_announced(io.BytesIO(ends), "NIST", 5) == expected
     assert count_announced(io.BytesIO(nist.replace(b"4711", b"9" * 19)), "NIST", 5) is None
 
 

@@ -211,3 +211,10 @@ def test_rigid_filling_of_two_gaps_with_few_frames_between(rng, between):
     share = np.arange(1, 6)[:, None] / 6
     inner = np.linalg.norm((1 - share) * before + share * after, axis=1)
     assert np.abs(off[105:110] - inner).max() < 0.15
+
+
+def test_a_marker_that_is_always_seen_has_no_gap():
+    whole, holed = count_gaps(without(waving(50), (1, 7, 9))).markers
+    assert (whole.gaps, whole.missing, whole.longest, whole.longest_seconds) == (0, 0, 0, 0.0)
+    assert (whole.share, whole.at_ends) == (0.0, 0)
+    assert (holed.gaps, holed.missing, holed.longest, holed.at_ends) == (1, 2, 2, 0)

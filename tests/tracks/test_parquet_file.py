@@ -80,3 +80,15 @@ def test_columns_have_their_types_and_lack_values_where_they_may():
         check_types(table, {"b": pa.float64()})
     with pytest.raises(KeyError):
         check_types(table, {"c": pa.float64()})
+
+
+def test_texts_are_measured_before_they_are_unpacked(tmp_path, monkeypatch):
+    """Two megabytes of equal texts have next to no bytes in a file."""
+    monkeypatch.setenv("MOCAP_FIT_MAX_SIZE", "1MB")
+    path = tmp_path / "x"
+    write_table({"text": pa.array(["x" * 1000] * 2000)}, {"kind": "noise"}, path)
+    assert path.stat().st_size < 50_000
+    with pytest.raises(FileFormatError, match="claims"):
+        read_table(path, ("noise",), "noise", "")
+    write_table({"text": pa.array(["x" * 1000] * 900)}, {"kind": "noise"}, path)
+    assert read_table(path, ("noise",), "noise", "")[0].num_rows == 900

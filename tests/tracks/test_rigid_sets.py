@@ -258,3 +258,13 @@ def test_shapes_are_medians_of_frames_laid_on_them_a_few_times(rng, compute, rou
             laid[frame, seen] = turn.apply(points[seen] - middle) + goal
         shape = np.nanmedian(laid, axis=0)
     np.testing.assert_allclose(pdist(compute(positions)), pdist(shape), rtol=0, atol=1e-9)
+
+
+def test_every_frame_of_a_short_recording_tells_which_markers_move(rng):
+    """Two of the head's markers move in every second frame alone, and so are none of its set."""
+    tracks = recording(rng, frames=30)
+    positions = tracks.positions.copy()
+    for name in ("h0", "h1"):
+        positions[1::2, tracks.index(name)] += 5 * rng.normal(size=(15, 3))
+    chosen = find_reference_markers(tracks.replace(positions=positions), 3)
+    assert set(chosen) == {"h2", "h3", "h4"}

@@ -263,3 +263,20 @@ def test_empty_tracks_say_that_there_is_no_stretch_and_no_gap():
     assert empty.describe()["parameters"] == [{"name": "jaw", "gap_rate": 0.0}]
     with pytest.raises(DataError, match="expected a recording with frames"):
         empty.between()
+
+
+def test_samples_are_visible_that_have_all_their_numbers():
+    assert parameters().visible[:5].tolist() == [
+        [True] * 2,
+        [True] * 2,
+        *[[True, False]] * 2,
+        [True] * 2,
+    ]
+    assert np.argwhere(~poses().visible).tolist() == [[7, 1]]
+    translations = poses().translations.copy()
+    translations[2, 0, 1] = np.nan
+    assert np.argwhere(~poses().replace(translations=translations).visible).tolist() == [
+        [2, 0],
+        [7, 1],
+    ]
+    assert np.argwhere(~markers().visible).tolist() == [[4, 1], [5, 1]]
