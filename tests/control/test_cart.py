@@ -20,7 +20,7 @@ from mocap_fit.control.cart.contexts import Alphabet, ContextReader, get_group, 
 from mocap_fit.control.cart.learning import list_alternatives
 from mocap_fit.control.cart.questions import Attribute
 from mocap_fit.corpus import Corpus, Utterance
-from mocap_fit.errors import ConfigurationError, DataError
+from mocap_fit.errors import ConfigurationError, DataError, SmallCorpusWarning
 from mocap_fit.phones import QUESTION_CLASSES, PhoneSequence
 from mocap_fit.tracks import ParameterTracks
 
@@ -227,6 +227,7 @@ def test_one_example_of_each_phone_is_its_target(pruning):
     )
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        warnings.simplefilter("ignore", SmallCorpusWarning)
         found = Cart(pruning=pruning).fit(small)
         values = found.select_targets(small.utterances[0].read_phones())
         new = found.select_targets(phones_of("sil K Y: sil"))
@@ -238,6 +239,7 @@ def test_one_example_of_each_phone_is_its_target(pruning):
 def test_targets_that_are_all_the_same_need_no_question():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        warnings.simplefilter("ignore", SmallCorpusWarning)
         found = Cart().fit(corpus(lambda phones, i: (0.1, 0.2, 1 / 3), count=20))
     assert all(tree.leaves == 1 for tree in found.trees_.values())
     np.testing.assert_allclose(found.select_targets(phones_of("sil A P sil"))[1], [0.1, 0.2, 1 / 3])
@@ -259,6 +261,7 @@ def test_missing_values_do_not_count_and_a_parameter_without_any_is_rest():
         )
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        warnings.simplefilter("ignore", SmallCorpusWarning)
         found = Cart(closures={}).fit(Corpus.from_utterances(holed, SWEDISH))
         values = found.select_targets(phones_of("sil L A S sil"))
     np.testing.assert_allclose(values[1:4, 0], [0.1, 0.8, 0.1], atol=0.03)

@@ -20,7 +20,8 @@ from mocap_fit.phones import (
     load_phone_set,
 )
 
-LISTED = [name for name in list_phone_sets() if name != "ipa"]
+# Sets that list their phones; the others compute them from their names.
+LISTED = [name for name in list_phone_sets() if name not in ("ipa", "x-sampa")]
 RATE = 100.0
 
 
