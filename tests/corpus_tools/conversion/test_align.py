@@ -90,7 +90,10 @@ def test_sounds_become_textgrids_and_a_bad_one_is_left_out(data_folder, tmp_path
     phones = read_phones(out / "mary.TextGrid", phone_set="en-arpabet")
     assert len(phones) == result.aligned[0]["phones"]
     text.write_text("mary\tqqq\nbobby\tBobby ripped the ledger.\n")
-    result = align(wavs, text, out=out)
+    # Labels that may have been corrected by hand are not lost.
+    with pytest.raises(ConfigurationError, match="--overwrite"):
+        align(wavs, text, out=out)
+    result = align(wavs, text, out=out, overwrite=True)
     assert [one["utterance"] for one in result.aligned] == ["bobby"]
     assert "1 words are not in the dictionary: qqq" in result.errors["mary"]
     assert "mary.wav" in result.errors["mary"]
@@ -116,6 +119,7 @@ def test_the_command(data_folder, tmp_path, capsys):
     bad.write_bytes(b"nothing")
     text.write_text("mary\tMary rolled the barrel.\nbad\tHello\n")
     given = ["align", str(wav), str(bad), "--text", str(text), "--out", str(out), "--json"]
+    given.append("--overwrite")
     assert cli.main(given) == 1
     shown = capsys.readouterr()
     told = json.loads(shown.out)
