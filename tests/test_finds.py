@@ -16,5 +16,5 @@ def test_a_find_of_the_fuzzer_is_read_or_refused_in_words(path: Path, tmp_path: 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.simplefilter("ignore", MocapFitWarning)
-        with pytest.raises(MocapFitError, match=path.name):
+        with pytest.raises(MocapFitError, match=r"\((found|expected) "):
             write_tracks(read(path), tmp_path / "copy.tsv")

@@ -26,7 +26,7 @@ _MILLIMETRES = {
 _SHORTEST = 3
 """Letters to which a name may be cut, as some programs do."""
 
-_FARTHEST = 1e7
+FARTHEST = 1e7
 """Millimetres: no marker is ten kilometres away."""
 
 _SMALLEST = 2.0
@@ -238,13 +238,13 @@ def _check_locations(path: Path, positions: FloatArray) -> None:
     # Gaps do not count.
     low = np.fmin.reduce(positions, axis=None, initial=0.0)
     high = np.fmax.reduce(positions, axis=None, initial=0.0)
-    if max(-low, high) > _FARTHEST:
-        far = np.abs(positions) > _FARTHEST
+    if max(-low, high) > FARTHEST:
+        far = np.abs(positions) > FARTHEST
         raise FileFormatError(
             "a position is out of range",
             path=path,
             frame=int(np.argwhere(far)[0][0]),
             found=f"{positions[far][0]:g} mm",
-            expected=f"within {_FARTHEST:g} mm",
+            expected=f"within {FARTHEST:g} mm",
             advice="Check the file and its unit of length.",
         )

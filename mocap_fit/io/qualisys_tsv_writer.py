@@ -11,6 +11,7 @@ import numpy as np
 
 from mocap_fit.atomic_file import write_atomically
 from mocap_fit.errors import DataError
+from mocap_fit.io.finalise import FARTHEST
 from mocap_fit.tracks import FloatArray, MarkerTracks, Origin
 
 Gaps = Literal["zero", "blank", "nan"]
@@ -81,6 +82,13 @@ def write_qualisys_tsv(
     pattern = lead + "\t".join([f"%.{decimals}f"] * (3 * len(tracks.names)))
     gap = _GAPS[gaps]
     flat = np.where(np.isnan(tracks.positions), 0.0, tracks.positions).reshape(tracks.frames, -1)
+    if (np.abs(flat) > FARTHEST).any():
+        raise DataError(
+            "a position is out of range",
+            frame=int(np.argwhere(np.abs(flat) > FARTHEST)[0][0]),
+            found=f"{np.abs(flat).max():g} mm",
+            expected=f"within {FARTHEST:g} mm, as it is read",
+        )
     # Rounding can leave a minus before zeros; adding 0.0 takes it away.
     flat = np.asarray(np.round(flat, decimals) + 0.0, dtype=np.float64)
     special = _find_special_cells(tracks, flat, decimals, gap)

@@ -209,8 +209,9 @@ def _estimate_rate(table: NumberTable, times: FloatArray, resolution: float) -> 
     if (np.abs(times - even) > allowed).any():
         steps = np.diff(times)
         usual = float(np.median(steps))
-        # Rounded, so that the first of two equal ones is reported.
-        row = int(np.argmax(np.round(np.abs(steps - usual), 9)))
+        # The first of those that are equal but for rounding.
+        apart = np.abs(steps - usual)
+        row = int(np.argmax(apart >= (1 - 1e-9) * apart.max()))
         raise _create_error(
             table,
             row + 1,
