@@ -23,6 +23,9 @@ _SAME_RATE = 5e-4
 _GIVE_RATE = "Give the rate of the recording (rate=..., in hertz)."
 _KNOWN_RATES = (24000 / 1001, 30000 / 1001, 60000 / 1001, 120000 / 1001)
 
+_LATEST = 1e12
+"""Seconds: no recording begins so late; products of times are numbers."""
+
 _SLOWEST = 2.0
 """Hertz: nothing is recorded so slowly; the times are probably milliseconds."""
 
@@ -127,6 +130,16 @@ def determine_timing(
         warn_of_rate(table.path, rate, file_rate)
         return known, 0.0
     times = table.values[:, time] * time_unit
+    far = np.abs(times) > _LATEST
+    if far.any():
+        row = int(np.argmax(far))
+        raise _create_error(
+            table,
+            row,
+            "a time is out of range",
+            found=f"{times[row]:g} s",
+            expected=f"within {_LATEST:g} s",
+        )
     resolution = 10.0 ** (round(np.log10(time_unit)) - table.count_decimals(time))
     if known is None:
         known = _estimate_rate(table, times, resolution)
