@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from mocap_fit.control import load
 from mocap_fit.errors import MocapFitError, MocapFitWarning
 from mocap_fit.io import read, write_tracks
 
@@ -16,5 +17,8 @@ def test_a_find_of_the_fuzzer_is_read_or_refused_in_words(path: Path, tmp_path: 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.simplefilter("ignore", MocapFitWarning)
+        if path.suffix == ".model":
+            load(path)
+            return
         with pytest.raises(MocapFitError, match=r"\((found|expected) "):
             write_tracks(read(path), tmp_path / "copy.tsv")

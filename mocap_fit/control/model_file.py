@@ -6,6 +6,7 @@ import io
 import json
 import math
 import os
+import warnings
 import zipfile
 from collections.abc import Mapping
 from typing import Any
@@ -75,7 +76,13 @@ def read_model_file(
     """
     length = measure_file(path)
     try:
-        with open(path, "rb") as stream, zipfile.ZipFile(stream) as archive:
+        with (
+            open(path, "rb") as stream,
+            zipfile.ZipFile(stream) as archive,
+            warnings.catch_warnings(),
+        ):
+            # Of damaged headers, which numpy takes for those of Python 2.
+            warnings.simplefilter("ignore", UserWarning)
             members = archive.infolist()
             # They are stored as they are: what is unpacked is no longer than the file.
             size = sum(member.file_size for member in members)
