@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from mocap_fit.evaluation.closure import CLOSED, CONTACT, LipGaps, measure_gaps
+from mocap_fit.face.lips import has_lip_line
 from mocap_fit.face.rig import Rig
 from mocap_fit.phones import PhoneSequence, list_phone_sets, load_phone_set
 from mocap_fit.render.sampling import sample_parameters
@@ -42,9 +43,11 @@ def measure_lips(
     Returns
     -------
     dict[str, LipGaps]
-        By label; empty where the phones are not known, or not of a shipped set.
+        By label; empty where the phones are not known, or not of a shipped set, or the face has no
+        lip line.
     """
-    if phones is None or phones.phone_set not in list_phone_sets():
+    known = phones is not None and phones.phone_set in list_phone_sets()
+    if phones is None or not known or not has_lip_line(rig.mesh):
         return {}
     times = np.asarray(start_time + np.arange(frames) / rate)
     phone_set = load_phone_set(phones.phone_set)

@@ -17,6 +17,7 @@ from mocap_fit.atomic_file import check_existing, check_targets, make_folder
 from mocap_fit.control import ControlModel
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
 from mocap_fit.face import load_face
+from mocap_fit.face.lips import has_lip_line
 from mocap_fit.face.rig import Rig
 from mocap_fit.phones import PhoneSequence, PhoneSet, list_phone_sets, load_phone_set
 from mocap_fit.processes import count_cores, limit_to_one_thread
@@ -249,7 +250,9 @@ def speak(
     frames = max(math.ceil((end - start) * look.rate - 1e-6), 1)
     # Models are predicted for the middle of the time that a picture is seen.
     first = start + 0.5 / look.rate
-    how = {"nearest": nearest, "face": rig, "articulation": articulation}
+    # A face that does not say where its lips are moves as the model says.
+    face = rig if has_lip_line(rig.mesh) else None
+    how = {"nearest": nearest, "face": face, "articulation": articulation}
     _predict(speech, chosen, look.rate, {**how, "start_time": first, "frames": frames})
     markers = None if look.markers is None else _read_markers(look, speech.heads.get(MEASURED))
     if keep is not None:

@@ -20,6 +20,7 @@ _MIDDLE = 8.0
 # The inner contour from the right corner to the left one (MPEG-4), where a mesh has no region.
 _UPPER_POINTS = ("2.5", "2.7", "2.2", "2.6", "2.4")
 _LOWER_POINTS = ("2.5", "2.9", "2.3", "2.8", "2.4")
+_REGIONS = {"inner_lip_contour", "upper_lip", "lower_lip"}
 # Places along the line at which the opening is measured: about 1.2 mm apart on the built-in head.
 _SAMPLES = 41
 
@@ -57,6 +58,22 @@ class LipLine:
         return np.asarray(points[:, :, 1] @ self.weights.T)
 
 
+def has_lip_line(mesh: Mesh) -> bool:
+    """Return whether a face says where its inner lips meet.
+
+    Parameters
+    ----------
+    mesh
+        Any mesh.
+
+    Returns
+    -------
+    bool
+        Whether `find_lip_line` finds a line.
+    """
+    return mesh.regions.keys() >= _REGIONS or mesh.feature_points.keys() >= {UPPER_LIP, LOWER_LIP}
+
+
 def find_lip_line(mesh: Mesh) -> LipLine:
     """Find the line along which the inner lips meet.
 
@@ -77,11 +94,11 @@ def find_lip_line(mesh: Mesh) -> LipLine:
 
     Raises
     ------
-    DataError
+    ConfigurationError
         If the mesh has neither.
     """
     regions = mesh.regions
-    if {"inner_lip_contour", "upper_lip", "lower_lip"} <= set(regions):
+    if regions.keys() >= _REGIONS:
         ring = regions["inner_lip_contour"]
         upper, lower = (np.intersect1d(ring, regions[f"{side}_lip"]) for side in ("upper", "lower"))
     else:
@@ -123,7 +140,9 @@ def compute_lip_openings(rig: Rig, values: ArrayLike) -> FloatArray:
     Raises
     ------
     DataError
-        If the shape is wrong, or the mesh has no lip line.
+        If the shape is wrong.
+    ConfigurationError
+        If the mesh has no lip line.
     """
     line = find_lip_line(rig.mesh)
     return line.measure(deform_points(rig, line.vertices, _check_frames(rig, values)))

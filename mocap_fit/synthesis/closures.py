@@ -24,7 +24,7 @@ import numpy as np
 from mocap_fit.errors import DataError
 from mocap_fit.face.lips import LipLine, find_lip_line
 from mocap_fit.face.mesh import IndexArray
-from mocap_fit.face.rig import Rig, evaluate_jacobian
+from mocap_fit.face.rig import Rig, deform_points, evaluate_jacobian
 from mocap_fit.phones import PhoneSegment, PhoneSet
 from mocap_fit.tracks import FloatArray
 
@@ -156,7 +156,9 @@ def close_lips(
     Raises
     ------
     DataError
-        If the movement has no parameter of the rig, or the mesh has no lip line.
+        If the movement has no parameter of the rig.
+    ConfigurationError
+        If the mesh has no lip line.
     """
     line, result = find_lip_line(rig.mesh), values.copy()
     index, chosen = _match_parameters(rig, names)
@@ -165,7 +167,7 @@ def close_lips(
         return result
     full = np.zeros((len(known), len(rig.parameter_names)))
     full[:, index] = values[np.ix_(known, chosen)]
-    times, gaps = times[known], measure_places(rig, line, full)[0]
+    times, gaps = times[known], line.measure(deform_points(rig, line.vertices, full))
     # The mouth opens earlier rather than less where the movement is faster than lips are.
     targets = np.minimum(
         _raise_to_speed(gaps.max(axis=1), times), _limit_by_closures(times, closures)
@@ -260,37 +262,9 @@ class LipCloser:
         index, chosen = _match_parameters(self._rig, self._names)
         last = np.zeros((1, len(self._rig.parameter_names)))
         last[0, index] = result[-1, chosen]
-        gaps, _ = measure_places(self._rig, self._line, last)
+        gaps = self._line.measure(deform_points(self._rig, self._line.vertices, last))
         self._before = Before(float(times[-1]), float(gaps.max()))
         return result
-
-
-def measure_places(rig: Rig, line: LipLine, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Measure the gaps along the lip line, and their derivatives.
-
-    Parameters
-    ----------
-    rig
-        The face.
-    line
-        Its lip line.
-    values
-        Face parameters, ``(frames, parameters)``, full gestures.
-
-    Returns
-    -------
-    gaps
-        ``(frames, places)``, millimetres.
-    jacobian
-        ``(frames, places, parameters)``, millimetres a full gesture.
-    """
-    compiled = rig.compile(line.vertices)
-    if compiled is not None:
-        points, jacobian = evaluate_jacobian(compiled, values)
-    else:
-        points = np.stack([rig.deform(row)[line.vertices] for row in values])
-        jacobian = np.stack([rig.jacobian(row)[line.vertices] for row in values])
-    return line.measure(points), np.einsum("kv,fvp->fkp", line.weights, jacobian[:, :, 1])
 
 
 def _match_parameters(rig: Rig, names: Sequence[str] | None) -> tuple[IndexArray, IndexArray]:
@@ -328,6 +302,19 @@ def _raise_to_speed(gaps: FloatArray, times: FloatArray) -> FloatArray:
     return result
 
 
+def _differentiate_gaps(
+    rig: Rig, line: LipLine, values: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return gaps ``(frames, places)`` and their derivatives ``(frames, places, parameters)``."""
+    compiled = rig.compile(line.vertices)
+    if compiled is not None:
+        points, jacobian = evaluate_jacobian(compiled, values)
+    else:
+        points = np.stack([rig.deform(row)[line.vertices] for row in values])
+        jacobian = np.stack([rig.jacobian(row)[line.vertices] for row in values])
+    return line.measure(points), np.einsum("kv,fvp->fkp", line.weights, jacobian[:, :, 1])
+
+
 def _drive_to_gaps(
     rig: Rig,
     line: LipLine,
@@ -341,7 +328,7 @@ def _drive_to_gaps(
     values = values.copy()
     rows = np.arange(len(values))
     for _ in range(_STEPS):
-        gaps, jacobian = measure_places(rig, line, values)
+        gaps, jacobian = _differentiate_gaps(rig, line, values)
         # The place that is open most, and the one that is pressed too far, or nearest to that.
         places = np.stack([gaps.argmax(axis=1), (least - gaps).argmax(axis=1)], axis=1)
         excess = np.stack([gaps.max(axis=1) - targets, (least - gaps).max(axis=1)], axis=1)

@@ -87,9 +87,12 @@ def synthesise(
     Raises
     ------
     DataError
-        If there are no phones, the model is not trained, or it was trained on other phones.
+        If there are no phones, the model is not trained, or it was trained on other phones; or
+        the face has none of its parameters.
     FileFormatError
         If the file holds no model.
+    ConfigurationError
+        If the face does not say where its lips are.
 
     See Also
     --------

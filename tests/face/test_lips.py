@@ -5,7 +5,12 @@ import pytest
 
 from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.face import Mesh, compute_lip_gap, load_face
-from mocap_fit.face.lips import compute_lip_openings, compute_teeth_distance, find_lip_line
+from mocap_fit.face.lips import (
+    compute_lip_openings,
+    compute_teeth_distance,
+    find_lip_line,
+    has_lip_line,
+)
 
 
 class Lips:
@@ -87,6 +92,14 @@ class TestAlongTheLine:
         upper = np.interp(x, [-20, 0, 10, 20], [0, 2, 1, 0])
         lower = np.interp(x, [-20, 0, 10, 20], [0, -1, -1, 0])
         np.testing.assert_allclose(openings, upper - lower)
+
+    def test_a_face_that_does_not_say_where_its_lips_are_has_none(self, head) -> None:
+        assert has_lip_line(head.mesh)
+        assert has_lip_line(Lips().mesh)
+        without = Lips(**{"2.2": 0}).mesh
+        assert not has_lip_line(without)
+        with pytest.raises(ConfigurationError, match=r"2\.3"):
+            find_lip_line(without)
 
     def test_missing_values_are_missing(self, head) -> None:
         values = np.zeros((3, len(head.parameter_names)))
