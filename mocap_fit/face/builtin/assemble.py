@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from mocap_fit.face.builtin import brows, eyes, landmarks
-from mocap_fit.face.builtin import teeth_and_tongue as inside_mouth
+from mocap_fit.face.builtin import brows, eyes, landmarks, teeth
 from mocap_fit.face.builtin.regions import find_skin_regions, paint_skin
 from mocap_fit.face.builtin.skin import build_skin
 from mocap_fit.face.builtin.surfaces import Piece, join_pieces
+from mocap_fit.face.builtin.tongue import build_tongue
 from mocap_fit.face.mesh import Material, Mesh, Part
 
 MATERIALS = {
@@ -32,11 +32,11 @@ def build_head() -> Mesh:
     brow, eye, lashes = brows.build_brow(), eyes.build_eyeball(), eyes.build_lashes()
     pieces = {
         "skin": Piece(skin.vertices, skin.triangles, paint_skin(skin)),
-        "teeth_upper": inside_mouth.build_teeth(upper=True),
-        "teeth_lower": inside_mouth.build_teeth(upper=False),
-        "gums_upper": inside_mouth.build_gums(upper=True),
-        "gums_lower": inside_mouth.build_gums(upper=False),
-        "tongue": inside_mouth.build_tongue(),
+        "teeth_upper": teeth.build_teeth(upper=True),
+        "teeth_lower": teeth.build_teeth(upper=False),
+        "gums_upper": teeth.build_gums(upper=True),
+        "gums_lower": teeth.build_gums(upper=False),
+        "tongue": build_tongue(),
         "eye_left": eye,
         "eye_right": eye.mirror(),
         "brow_left": brow,

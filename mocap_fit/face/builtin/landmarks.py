@@ -25,7 +25,7 @@ import numpy as np
 from mocap_fit.face.builtin import eyes
 from mocap_fit.face.builtin.skin import Skin
 from mocap_fit.face.builtin.surfaces import MIRROR, Mask, Piece
-from mocap_fit.face.builtin.teeth_and_tongue import TONGUE_COLUMNS, TONGUE_ROWS
+from mocap_fit.face.builtin.tongue import TONGUE_COLUMNS, TONGUE_ROWS
 from mocap_fit.tracks import FloatArray
 
 # Left point, right point, position along a half ring of the mouth (0 below, 10 corner, 20 above).
