@@ -80,14 +80,42 @@ class _Heads:
         talk, life = self._talk, self._talk.life
         turn, shift = life.turns[number], life.shifts[number]
         markers = self._lively.carry(talk.markers[number], turn, shift)
-        shapes = []
-        for values in talk.parameters:
-            vertices = talk.rig.deform(values[number])
-            shapes.append(self._lively.move(vertices, float(life.blinks[number]), turn, shift))
+        shapes = [
+            deform_face(talk.rig, self._lively, values[number], life, number)
+            for values in talk.parameters
+        ]
         return [[scene.draw(shape, markers=markers) for shape in shapes] for scene in self._scenes]
 
     def close(self) -> None:
         self._stack.close()
+
+
+def deform_face(
+    rig: Rig, lively: LivelyFace, values: FloatArray, life: Liveliness, number: int
+) -> FloatArray:
+    """Return the vertices of a face as they are drawn: all that moves them is done here.
+
+    Parameters
+    ----------
+    rig
+        The face.
+    lively
+        Its lids and its neck.
+    values
+        Its parameters in the order of the rig, ``(parameters,)``, 1 is the full gesture.
+    life
+        Blinks and head motion of all frames.
+    number
+        Number of the frame, from 0.
+
+    Returns
+    -------
+    ndarray
+        Positions, ``(vertices, 3)``, millimetres.
+    """
+    vertices = rig.deform(values)
+    blink = float(life.blinks[number])
+    return lively.move(vertices, blink, life.turns[number], life.shifts[number])
 
 
 def draw_frames(talk: Talk, jobs: int = 1) -> Iterator[list[list[Image]]]:
