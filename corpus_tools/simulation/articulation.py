@@ -10,11 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
-from pydantic import Field
 
+from corpus_tools.simulation.articulation_table import (
+    LEFT_CORNER,
+    RIGHT_CORNER,
+    Articulation,
+    Gesture,
+    SpeakerTargets,
+    load_articulation,
+)
 from corpus_tools.simulation.dynamics import (
     JAW,
     LOWER,
@@ -24,10 +30,9 @@ from corpus_tools.simulation.dynamics import (
     simulate_motion,
 )
 from corpus_tools.simulation.session import draw_gestures
-from corpus_tools.simulation.traits import Rule, get_plain_sound, get_traits, load_table
+from corpus_tools.simulation.traits import get_plain_sound, get_traits
 from mocap_fit.face import Rig
 from mocap_fit.phones import PhoneSegment, PhoneSequence, PhoneSet
-from mocap_fit.settings_file import StrictModel
 from mocap_fit.tracks import FloatArray
 
 # Steps a second of the simulation, and how long a gesture takes to be all there or all gone.
@@ -39,103 +44,17 @@ _AT_ENDS = 1.0
 _GLIDE_LEAD = 0.03
 # Hertz: the wandering is slower than this, and made at that rate.
 _SLOW, _SLOW_RATE = 0.6, 15.0
-_LEFT, _RIGHT, _SHIFT = "left_corner_stretch", "right_corner_stretch", "jaw_shift"
-
-Sum = float | dict[str, float]
-
-
-class _Lips(StrictModel):
-    distance: float
-    share: float
-
-
-class _Gesture(Rule):
-    name: str
-    lead: float
-    tail: float
-    anticipation: float = 0.0
-    stiffness: float
-    strength: float
-    reduced: float = 1.0
-    targets: dict[str, Sum] = Field(default={})
-    lips: _Lips | None = None
-
-
-class _Neutral(StrictModel):
-    stiffness: float
-    strength: float
-    targets: dict[str, float]
-
-
-class _SpeakerNoise(StrictModel):
-    left_right: float
-    jaw_shift_habit: float
-    setting: float
-
-
-class _UtteranceNoise(StrictModel):
-    effort: float
-    haste: float
-    slow: float
-    jaw_shift: float
-
-
-class _WordNoise(StrictModel):
-    emphasis: float
-    declination: float
-
-
-class _GestureNoise(StrictModel):
-    extent: float
-    target: float
-    timing: float
-    stiffness: float
-    lips: float
-    left_right: float
-
-
-class _Resistance(StrictModel):
-    factor: float
-
-
-class _Diphthongs(StrictModel):
-    turn: float
-    ends: dict[str, dict[str, dict[str, float]]]
-
-
-class Articulation(StrictModel):
-    """The table ``articulation.toml``."""
-
-    neutral: _Neutral
-    gestures: tuple[_Gesture, ...]
-    speaker: _SpeakerNoise
-    utterance: _UtteranceNoise
-    word: _WordNoise
-    gesture: _GestureNoise
-    resistance: _Resistance
-    reduction: dict[str, float]
-    diphthongs: _Diphthongs
-
-
-@cache
-def load_articulation() -> Articulation:
-    """Load the table that comes with the simulation.
-
-    Returns
-    -------
-    Articulation
-        The gestures of all phones, and how much they vary.
-    """
-    return load_table("articulation", Articulation)
+_SHIFT = "jaw_shift"
 
 
 @dataclass(frozen=True, eq=False)
 class _Active:
     """A gesture of a phone, in time."""
 
-    gesture: _Gesture
+    gesture: Gesture
     traits: dict[str, float]
     phone: int
+    part: int
     start: float
     end: float
     extent: float
@@ -176,6 +95,7 @@ class Articulator:
         self._habit = noise.jaw_shift_habit * side * float(rng.uniform(0.6, 1.4))
         self._neutral = np.array([self.table.neutral.targets.get(n, 0.0) for n in self.names])
         self._setting = noise.setting * rng.standard_normal(len(self.names))
+        self._targets = SpeakerTargets(self.table, phone_set, self.names, rng)
 
     def say(self, phones: PhoneSequence, times: FloatArray, rng: np.random.Generator) -> FloatArray:
         """Return the parameters of the face that says an utterance.
@@ -198,7 +118,7 @@ class Articulator:
         last = max(float(times[-1]), phones[len(phones) - 1].end) + 0.1
         clock = first + np.arange(int(np.ceil((last - first) * _RATE)) + 1) / _RATE
         values = simulate_motion(self._collect_targets(phones, clock, rng), self.names, self._lips)
-        corners = [self.names.index(name) for name in (_LEFT, _RIGHT)]
+        corners = [self.names.index(name) for name in (LEFT_CORNER, RIGHT_CORNER)]
         values[:, corners] *= 1.0 + self._left_right * np.array([1.0, -1.0])
         shift = self.names.index(_SHIFT)
         values[:, shift] += self._habit * values[:, self.names.index(JAW)]
@@ -223,12 +143,13 @@ class Articulator:
             gesture, noise = active.gesture, _Noise(rng, table)
             moves = noise.onset, noise.offset
             stiffness = gesture.stiffness * haste * noise.stiffness
-            for name, target in gesture.targets.items():
+            symbol, part_of_phone, traits = phones[active.phone].phone, active.part, active.traits
+            for name in gesture.targets:
                 index = names.index(name)
                 early = self._find_onset(phones, active, name)
                 part, activation = _compute_activation(clock, active, early, moves)
                 factor = table.resistance.factor if name in active.strong else 1.0
-                goal = _evaluate_target(target, active.traits)
+                goal = self._targets.get_target(symbol, part_of_phone, gesture, name, traits)
                 if not active.traits["silence"]:
                     neutral = self._neutral[index]
                     extent = active.extent * effort * emphasis[active.phone] * noise.extent
@@ -278,7 +199,7 @@ class Articulator:
         for i, segment in enumerate(phones):
             phone = self._set.get_phone(segment)
             strong = phone.resists or frozenset()
-            for start, end, traits in self._split_phone(segment):
+            for part, (start, end, traits) in enumerate(self._split_phone(segment)):
                 for gesture in self.table.gestures:
                     if not gesture.is_met_by(traits):
                         continue
@@ -294,7 +215,7 @@ class Articulator:
                         continue
                     less = (1.0 - gesture.reduced) * reduction
                     extent = 1.0 - less * {None: 1.0, 0: 1.0, 2: 0.5}.get(segment.stress, 0.0)
-                    yield _Active(gesture, traits, i, begin, stop, extent, strong)
+                    yield _Active(gesture, traits, i, part, begin, stop, extent, strong)
 
     def _split_phone(
         self, segment: PhoneSegment
@@ -348,15 +269,9 @@ class _Noise:
 
     def get_offset(self, name: str) -> float:
         """Return what is added to the target of a parameter."""
-        return self._added + {_LEFT: self._left_right, _RIGHT: -self._left_right}.get(name, 0.0)
-
-
-def _evaluate_target(target: Sum, traits: dict[str, float]) -> float:
-    if not isinstance(target, dict):
-        return target
-    return sum(
-        factor * (1.0 if trait == "base" else traits[trait]) for trait, factor in target.items()
-    )
+        return self._added + {LEFT_CORNER: self._left_right, RIGHT_CORNER: -self._left_right}.get(
+            name, 0.0
+        )
 
 
 def _compute_activation(
