@@ -13,7 +13,9 @@ from mocap_fit.face.rig_file import RigFile, add_location, read_rig_file
 BUILT_IN = "built-in"
 
 
-def load_face(face: str | Path = BUILT_IN, *, mesh: Mesh | None = None) -> Rig:
+def load_face(
+    face: str | Path = BUILT_IN, *, mesh: Mesh | None = None, tongue: bool | None = False
+) -> Rig:
     """Load a face: a mesh and the rig that moves it.
 
     Parameters
@@ -22,6 +24,10 @@ def load_face(face: str | Path = BUILT_IN, *, mesh: Mesh | None = None) -> Rig:
         ``"built-in"``, or a rig file (TOML), whose format `mocap_fit.face.rig_file` describes.
     mesh
         Put the rig on this mesh instead of the one that the file names.
+    tongue
+        Whether the tongue has parameters of its own, five after the others, which the rig file
+        states; None where both the file and the mesh have a tongue. Without them it goes with the
+        jaw.
 
     Returns
     -------
@@ -65,6 +71,9 @@ def load_face(face: str | Path = BUILT_IN, *, mesh: Mesh | None = None) -> Rig:
         mesh = rig_file.label_mesh(
             _load_mesh(rig_file, Path(name).parent) if mesh is None else mesh
         )
+        there = rig_file.tongue is not None and mesh.has_region("tongue")
+        if tongue or (tongue is None and there):
+            rig_file = rig_file.add_tongue()
         rig_class = _get_rig_class(rig_file)
         with RIGS.guard(rig_file.kind, name):
             rig: Rig = rig_class.from_file(rig_file, mesh)

@@ -277,17 +277,19 @@ def evaluate(compiled: CompiledRig, parameters: FloatArray) -> FloatArray:
     vertices = np.tile(compiled.rest, (*parameters.shape[:-1], 1, 1))
     for operation, kind in enumerate(compiled.kinds):
         value = parameters[..., compiled.parameters[operation], None, None]
-        vector = compiled.vectors[operation]
-        centre = compiled.centres[operation]
-        weight = compiled.weights[operation, :, None]
-        if kind == Kind.TRANSLATION:
-            vertices += value * weight * vector
-        elif kind == Kind.FIELD:
+        if kind == Kind.FIELD:
             vertices += value * compiled.fields[operation]
+            continue
+        # Most operations move a small part of a face.
+        moved = np.flatnonzero(compiled.weights[operation])
+        amount = value * compiled.weights[operation, moved, None]
+        vector, centre = compiled.vectors[operation], compiled.centres[operation]
+        if kind == Kind.TRANSLATION:
+            vertices[..., moved, :] += amount * vector
         elif kind == Kind.SCALING:
-            vertices += value * weight * vector * (vertices - centre)
+            vertices[..., moved, :] += amount * vector * (vertices[..., moved, :] - centre)
         else:
-            vertices += _turn(vertices - centre, vector, value * weight)
+            vertices[..., moved, :] += _turn(vertices[..., moved, :] - centre, vector, amount)
     return vertices
 
 

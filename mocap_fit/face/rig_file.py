@@ -83,6 +83,24 @@ VertexOrPosition = Annotated[int | Vector, BeforeValidator(_check_number_or_posi
 Length = Annotated[float, Strict(), Field(ge=1, le=1000)]
 
 
+class Tongue(StrictModel):
+    """What a rig file adds for the movements of the tongue.
+
+    Parameters
+    ----------
+    parameters
+        Name → lower and upper bound; they come after the others.
+    weights
+        Name → the share of a transform that each vertex takes.
+    transforms
+        Weighted transforms, which apply before the others: the jaw carries the tongue.
+    """
+
+    parameters: dict[str, tuple[Number, Number]]
+    weights: dict[str, Weight]
+    transforms: tuple[Transform, ...]
+
+
 class RigFile(StrictModel):
     """The content of a rig file.
 
@@ -122,6 +140,8 @@ class RigFile(StrictModel):
     follow
         Region → region: vertices that take all the weights of the nearest vertex there; passed
         over where the mesh does not have the first.
+    tongue
+        What `add_tongue` adds.
     settings
         What a rig of another kind reads.
     """
@@ -141,6 +161,7 @@ class RigFile(StrictModel):
     weights: dict[str, Weight] = Field(default_factory=dict)
     transforms: tuple[Transform, ...] = ()
     follow: dict[str, str] = Field(default_factory=dict)
+    tongue: Tongue | None = None
     settings: dict[str, Any] = Field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -156,8 +177,9 @@ class RigFile(StrictModel):
                 raise ValueError(f"parameters.{name}: bounds must hold 0, the upper one above it")
         # With `extends`, what it names may be in the other file; the two are checked together.
         if self.extends is None:
-            self._check_weights()
-            self._check_transforms()
+            for rig_file in (self, *(() if self.tongue is None else (self.add_tongue(),))):
+                rig_file._check_weights()
+                rig_file._check_transforms()
         return self
 
     def _check_weights(self) -> None:
@@ -184,6 +206,37 @@ class RigFile(StrictModel):
         unmoved = [name for name in self.parameters if name not in moved]
         if self.transforms and unmoved:
             raise ValueError(f"parameters.{unmoved[0]}: no transform is driven by it")
+
+    def add_tongue(self) -> RigFile:
+        """Return the rig file with the parameters that move the tongue.
+
+        Returns
+        -------
+        RigFile
+            With the tongue's parameters after the others.
+
+        Raises
+        ------
+        ConfigurationError
+            If the file has no tongue, or parameters of the same names.
+        """
+        tongue = self.tongue
+        if tongue is None:
+            raise ConfigurationError(
+                "the rig file does not say how the tongue moves",
+                advice='Add a [tongue] table, or take the shipped one with extends = "parke".',
+            )
+        twice = [name for name in tongue.parameters if name in self.parameters]
+        if twice:
+            raise ConfigurationError(
+                f"the rig file is wrong at tongue.parameters.{twice[0]}: there is such a parameter",
+            )
+        added = {
+            "parameters": {**self.parameters, **tongue.parameters},
+            "weights": {**self.weights, **tongue.weights},
+            "transforms": (*tongue.transforms, *self.transforms),
+        }
+        return self.model_copy(update=added)
 
     def compute_scales(self, mesh: Mesh) -> FloatArray:
         """Compute the lengths on a mesh of one millimetre of the file along x, y and z.

