@@ -220,9 +220,10 @@ def _find_first_fault(content: object, faults: Sequence[Any]) -> tuple[str, str]
     """
     fault = faults[0]
     location = []
-    for item in fault["loc"]:
+    last = len(fault["loc"]) - 1
+    for number, item in enumerate(fault["loc"]):
         # Other items of the location are pydantic's, such as the type that it tried.
-        if isinstance(content, Mapping):
+        if isinstance(content, Mapping) and (item in content or number == last):
             location.append(shorten(item, 60))
             content = content.get(str(item))
         elif isinstance(content, list) and isinstance(item, int):

@@ -6,6 +6,7 @@ before it unpacks or allocates what a file claims to hold.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import stat
@@ -54,6 +55,29 @@ def measure_file(path: str | os.PathLike[str]) -> int:
             advice="Pipes and devices cannot be read twice: write it to a file first.",
         )
     return about.st_size
+
+
+def sum_file(path: str | os.PathLike[str]) -> str:
+    """Compute the SHA-256 of an ordinary file.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    str
+        The sum, as hexadecimal digits.
+
+    Raises
+    ------
+    FileFormatError
+        If there is no such file, or it is a folder, a pipe or a device.
+    """
+    measure_file(path)
+    with open(path, "rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def parse_size(text: str) -> int:

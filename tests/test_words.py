@@ -54,7 +54,7 @@ VERBS = frozenset(
     pool pop populate position post postpone predict prepare print process produce project
     promote propagate prune pull push put
     quantise query quote
-    raise rank read rebuild receive recognise record recover redraw reduce refine refuse
+    raise rank read rebuild receive recognise record recover redo redraw reduce refine refuse
     register reject relabel release remove rename render reopen reorder repair repeat replace
     report represent require resample reset reshape resize resolve restore restrict resume
     retime retrieve retry return reverse rewrite rotate round run

@@ -13,7 +13,7 @@ from typing import Any
 from corpus_tools.batch.cluster import ContentNeeded, Done
 from corpus_tools.batch.item import Context, Item, ItemResult, Job, try_item
 from mocap_fit.errors import FileFormatError
-from mocap_fit.size_limit import VARIABLE, measure_file
+from mocap_fit.size_limit import VARIABLE, sum_file
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,24 +80,6 @@ class Parcel:
             )
         except OSError:
             return False
-
-
-def sum_file(path: Path) -> str:
-    """Compute the SHA-256 of a file.
-
-    Parameters
-    ----------
-    path
-        The file.
-
-    Returns
-    -------
-    str
-        The sum, as hexadecimal digits.
-    """
-    measure_file(path)
-    with open(path, "rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def process_parcel(

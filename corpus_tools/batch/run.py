@@ -10,13 +10,13 @@ from typing import Any
 
 from corpus_tools.batch.cluster import Done, run_on_cluster
 from corpus_tools.batch.item import Context, Item, ItemResult, Job, try_item
-from corpus_tools.batch.parcel import Parcel, process_parcel, sum_file
+from corpus_tools.batch.parcel import Parcel, process_parcel
 from corpus_tools.batch.progress import BatchProgress, Tracker
 from mocap_fit._version import __version__
 from mocap_fit.atomic_file import check_targets, make_folder, write_atomically
 from mocap_fit.fitting.memory import free_memory
 from mocap_fit.processes import DeadProcess, count_cores, run_locally
-from mocap_fit.size_limit import get_largest_size
+from mocap_fit.size_limit import get_largest_size, sum_file
 from mocap_fit.tracks.parquet_file import read_description
 
 

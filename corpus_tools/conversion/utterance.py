@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from corpus_tools.batch import Context, catch_warnings
-from corpus_tools.batch.parcel import sum_file
 from corpus_tools.conversion.material import (
     add_energy,
     check_times,
@@ -30,6 +29,7 @@ from mocap_fit.errors import DataError, MocapFitWarning, add_path
 from mocap_fit.fitting.memory import check_memory
 from mocap_fit.phones import write_phones
 from mocap_fit.plain_text import to_unicode
+from mocap_fit.size_limit import sum_file
 from mocap_fit.sound import Sound, is_plain_wav, read_sound, write_sound
 from mocap_fit.tracks import write_parquet
 
