@@ -92,7 +92,7 @@ def _run(phones, which, first, logarithms, before_of_frame, values, derivatives)
             product += share * targets[which[begin + i]]
         value = product / total
         values[frame] = value
-        if derivatives.shape[0] == 0:
+        if derivatives.size == 0:
             continue
         row = derivatives[frame]
         for i in range(count):

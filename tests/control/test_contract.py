@@ -126,6 +126,7 @@ def test_every_rate_and_every_start_gives_the_same_movement(name, trained, new_p
     part = model.predict(new_phones, 25.0, start_time=slow.times[4], frames=7)
     assert part.values.shape == (7, len(NAMES))
     np.testing.assert_allclose(part.values, slow.values[4:11], atol=1e-6)
+    assert len(model.predict(new_phones, 1.0).values) == math.ceil(len(slow.values) / 25)
     for rate in (0.0, -5.0, math.nan):
         with pytest.raises(DataError, match="frame rate"):
             model.predict(new_phones, rate)
@@ -419,6 +420,10 @@ def test_a_damaged_file_is_refused_with_a_reason(name, trained, tmp_path):
             write_model_file(header, each, bad)
             with pytest.raises(FileFormatError, match=r"bad\.npz"):
                 control.load(bad)
+    for rate in (0.0, math.inf):
+        write_model_file({**header, "rate": rate}, arrays, bad)
+        with pytest.raises(FileFormatError, match="a rate of"):
+            control.load(bad)
     write_model_file({**header, "model": "hidden-markov"}, arrays, bad)
     with pytest.raises(RegistryError, match="hidden-markov"):
         control.load(bad)

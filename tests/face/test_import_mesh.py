@@ -647,6 +647,22 @@ def test_glb_that_claims_too_much_or_nonsense_is_refused(tmp_path, change):
         read_mesh(path)
 
 
+def test_an_element_of_a_scene_counts_as_the_largest_that_there_is(tmp_path, monkeypatch):
+    path = tmp_path / "a.glb"
+    count = 0
+
+    def add(content):
+        nonlocal count
+        count = sum(accessor["count"] for accessor in content["accessors"])
+
+    change_glb(path, add)
+    monkeypatch.setenv(size_limit.VARIABLE, str(64 * count))
+    assert len(read_mesh(path).vertices) == len(V)
+    monkeypatch.setenv(size_limit.VARIABLE, str(64 * count - 1))
+    with pytest.raises(FileFormatError, match="the scene claims"):
+        read_mesh(path)
+
+
 def test_a_mesh_that_a_scene_repeats_counts_each_time(tmp_path, monkeypatch):
     path = tmp_path / "a.glb"
     change_glb(
