@@ -8,7 +8,8 @@ from typing import Any
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, add_path
 from mocap_fit.face.mesh import Mesh
 from mocap_fit.face.rig import RIGS, Rig
-from mocap_fit.face.rig_file import RigFile, add_location, read_rig_file
+from mocap_fit.face.rig_file import RigFile, read_rig_file
+from mocap_fit.face.rig_tables import add_location
 
 BUILT_IN = "built-in"
 
@@ -53,7 +54,7 @@ def load_face(
     >>> import mocap_fit as mf
     >>> face = mf.load_face()
     >>> face
-    ParkeRig(10 parameters, 11 transforms, 10999 vertices)
+    ParkeRig(10 parameters, 11 transforms, 11223 vertices)
     >>> face.parameter_names[:3]
     ('jaw_rotation', 'lip_rounding', 'upper_lip_retraction')
 

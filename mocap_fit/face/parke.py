@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.face.mesh import IndexArray, Mesh
 from mocap_fit.face.rig import CompiledRig, Kind, check_parameters, evaluate, evaluate_jacobian
-from mocap_fit.face.rig_file import add_location
+from mocap_fit.face.rig_tables import add_location
 from mocap_fit.face.weights import BendingEnergy, compute_falloff
 from mocap_fit.tracks import FloatArray
 

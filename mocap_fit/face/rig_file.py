@@ -40,8 +40,7 @@ entry of that name; ``[[transforms]]`` replaces all shipped ones, and then
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -55,9 +54,11 @@ from mocap_fit.face.rig_tables import (
     AnyPoint,
     Number,
     Region,
+    Tongue,
     Transform,
     Vector,
     Weight,
+    add_location,
     check_vertex,
 )
 from mocap_fit.settings_file import StrictModel, list_shipped, read_toml, validate_settings
@@ -81,24 +82,6 @@ def _check_number_or_position(value: Any) -> Any:
 
 VertexOrPosition = Annotated[int | Vector, BeforeValidator(_check_number_or_position)]
 Length = Annotated[float, Strict(), Field(ge=1, le=1000)]
-
-
-class Tongue(StrictModel):
-    """What a rig file adds for the movements of the tongue.
-
-    Parameters
-    ----------
-    parameters
-        Name → lower and upper bound; they come after the others.
-    weights
-        Name → the share of a transform that each vertex takes.
-    transforms
-        Weighted transforms, which apply before the others: the jaw carries the tongue.
-    """
-
-    parameters: dict[str, tuple[Number, Number]]
-    weights: dict[str, Weight]
-    transforms: tuple[Transform, ...]
 
 
 class RigFile(StrictModel):
@@ -441,37 +424,6 @@ class RigFile(StrictModel):
             Part(new_names.get(p.name, p.name), p.vertices, p.triangles, p.material)
             for p in mesh.parts
         )
-
-
-@contextmanager
-def add_location(location: str) -> Iterator[None]:
-    """Add to errors where in the rig file the fault is.
-
-    Parameters
-    ----------
-    location
-        The keys that lead to it, such as ``weights.jaw``.
-
-    Yields
-    ------
-    None
-        Control, to what reads that setting.
-
-    Raises
-    ------
-    ConfigurationError
-        The one that was raised inside, with the location.
-    """
-    try:
-        yield
-    except ConfigurationError as error:
-        raise ConfigurationError(
-            f"the rig file is wrong at {location}: {error.problem}",
-            path=error.path,
-            found=error.found,
-            expected=error.expected,
-            advice=error.advice,
-        ) from None
 
 
 def read_rig_file(path: str | Path) -> RigFile:

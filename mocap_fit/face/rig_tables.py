@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -267,6 +268,24 @@ class Transform(StrictModel):
         return self
 
 
+class Tongue(StrictModel):
+    """What a rig file adds for the movements of the tongue.
+
+    Parameters
+    ----------
+    parameters
+        Name → lower and upper bound; they come after the others.
+    weights
+        Name → the share of a transform that each vertex takes.
+    transforms
+        Weighted transforms, which apply before the others: the jaw carries the tongue.
+    """
+
+    parameters: dict[str, tuple[Number, Number]]
+    weights: dict[str, Weight]
+    transforms: tuple[Transform, ...]
+
+
 def _check_number_or_pair(value: Any) -> Any:
     pair = value if isinstance(value, list) and len(value) == 2 else [value]
     if not all(type(item) is int and item >= 0 for item in pair) or pair[0] > pair[-1]:
@@ -331,6 +350,37 @@ class Region(StrictModel):
             )
             members.append(np.flatnonzero(distance <= self.within))
         return np.unique(np.concatenate(members))
+
+
+@contextmanager
+def add_location(location: str) -> Iterator[None]:
+    """Add to errors where in the rig file the fault is.
+
+    Parameters
+    ----------
+    location
+        The keys that lead to it, such as ``weights.jaw``.
+
+    Yields
+    ------
+    None
+        Control, to what reads that setting.
+
+    Raises
+    ------
+    ConfigurationError
+        The one that was raised inside, with the location.
+    """
+    try:
+        yield
+    except ConfigurationError as error:
+        raise ConfigurationError(
+            f"the rig file is wrong at {location}: {error.problem}",
+            path=error.path,
+            found=error.found,
+            expected=error.expected,
+            advice=error.advice,
+        ) from None
 
 
 def check_vertex(index: int, mesh: Mesh) -> None:
