@@ -239,7 +239,7 @@ def speak(
     # What is missing is reported before long work begins.
     if get_movie_kind(file) != "png":
         find_ffmpeg()
-    rig = load_face(look.face)
+    rig = load_face(look.face, tongue=None)
     wanted = Source(source) if isinstance(source, str) else source
     wanted = dataclasses.replace(wanted, language=find_language(wanted.language))
     read = [wanted.labels, wanted.tracks, wanted.sound, wanted.phone_set, *models]

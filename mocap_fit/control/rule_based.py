@@ -137,7 +137,7 @@ class RuleBased(ControlModel):
         length = segment.duration / len(parts)
         # Smoothing preserves a target that is held as far as the window reaches.
         window = self.table_.window
-        firm = max(0.5 * length + 0.25 * window, window)
+        firm = max(0.5 * length + 0.25 * window, window + 0.5 * self.table_.dwell)
         for position, part in enumerate(parts):
             centre = segment.start + (position + 0.5) * length
             for name, value in part.targets.items():

@@ -1,4 +1,4 @@
-"""Tables of articulatory targets for the rule-based model: one a language, and one by features."""
+"""Tables of articulatory targets for the rule-based model: of languages, features, the tongue."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mocap_fit.settings_file import StrictModel, list_shipped, load_settings
 
 _Share = Annotated[float, Field(ge=0, le=1)]
 
-_FEATURES = "features"
+_FEATURES, _TONGUE = "features", "tongue"
 _SHIPPED = {"package": "mocap_fit.control", "folder": "rules"}
 _MARKS = str.maketrans("", "", "\u032f\u035c\u0361")
 
@@ -51,12 +51,15 @@ class RuleTable:
         The share of a phone for which its target is held, 0 to 1.
     unstressed
         The share of a target that is left in a vowel that is marked as not stressed, 0 to 1.
+    dwell
+        For how long at least a target that is to be reached is there, seconds.
     """
 
     phones: Mapping[str, tuple[TargetPart, ...]] = field(repr=False)
     window: float
     hold: float
     unstressed: float
+    dwell: float
     _rules: tuple[_Rule, ...] = field(repr=False)
 
     def get_parts(self, phone: Phone) -> tuple[TargetPart, ...]:
@@ -123,6 +126,8 @@ class _LanguageFile(StrictModel):
     window: PositiveFloat | None = None
     hold: _Share | None = None
     unstressed: _Share | None = None
+    dwell: Annotated[float, Field(ge=0, le=1)] = 0.0
+    rules: tuple[_Rule, ...] | None = None
     columns: tuple[str, ...] = ()
     phones: dict[str, _Row | tuple[_Row, ...]] = Field(default_factory=dict)
 
@@ -171,7 +176,7 @@ def list_rule_languages() -> tuple[str, ...]:
     tuple[str, ...]
         Codes of languages such as ``sv``, sorted.
     """
-    return tuple(name for name in list_shipped(**_SHIPPED) if name != _FEATURES)
+    return tuple(name for name in list_shipped(**_SHIPPED) if name not in (_FEATURES, _TONGUE))
 
 
 def load_rules(phone_set: PhoneSet, file: str = "") -> RuleTable:
@@ -211,7 +216,8 @@ def load_rules(phone_set: PhoneSet, file: str = "") -> RuleTable:
         window=general.window if table.window is None else table.window,
         hold=general.hold if table.hold is None else table.hold,
         unstressed=general.unstressed if table.unstressed is None else table.unstressed,
-        _rules=general.rules,
+        dwell=table.dwell,
+        _rules=general.rules if table.rules is None else table.rules,
     )
 
 

@@ -17,6 +17,7 @@ from mocap_fit.atomic_file import write_atomically
 from mocap_fit.errors import FileFormatError, MissingExtraError
 from mocap_fit.face.mesh import Mesh, Part
 from mocap_fit.face.rig import Rig
+from mocap_fit.phones import PhoneSequence
 from mocap_fit.render.shapes import BlendShapes, compute_blend_shapes
 from mocap_fit.tracks import ParameterTracks
 
@@ -26,7 +27,12 @@ _VERTICES, _INDICES = 34962, 34963
 
 
 def write_gltf(
-    tracks: ParameterTracks, path: str | os.PathLike[str], rig: Rig, *, rate: float | None = None
+    tracks: ParameterTracks,
+    path: str | os.PathLike[str],
+    rig: Rig,
+    *,
+    rate: float | None = None,
+    phones: PhoneSequence | None = None,
 ) -> BlendShapes:
     """Write a talking head as binary glTF.
 
@@ -40,6 +46,8 @@ def write_gltf(
         The face.
     rate
         Frame rate of the animation, hertz; that of the tracks if None.
+    phones
+        The phones of the utterance, by which a tongue moves that is not in the tracks.
 
     Returns
     -------
@@ -65,7 +73,7 @@ def write_gltf(
     target = Path(path)
     if target.suffix.lower() != ".glb":
         raise FileFormatError("glTF is written as one file", path=path, expected="a name in .glb")
-    blended = compute_blend_shapes(tracks, rig, rate)
+    blended = compute_blend_shapes(tracks, rig, rate, phones)
     document = _Document(pygltflib, rig.mesh, blended)
     content = document.assemble(tracks.name or "talk")
     with write_atomically(path) as partial:

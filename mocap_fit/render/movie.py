@@ -113,7 +113,8 @@ def render_movie(
     zoom
         Magnification, no unit: 1 shows the entire head; above 1 is closer.
     phones
-        The phones of the utterance, for the subtitles and below the curves.
+        The phones of the utterance, for the subtitles and below the curves; where the face has
+        parameters of the tongue that the tracks lack, it moves by them.
     subtitles
         Whether the phones are written under the heads, the current one in the middle.
     curves
@@ -190,7 +191,7 @@ def render_movie(
         raise DataError("a movie needs a view")
     talk = Talk(
         rig,
-        tuple(sample_parameters(head, times, rig) for head in heads.values()),
+        tuple(sample_parameters(head, times, rig, phones) for head in heads.values()),
         views,
         (int(size[0]), int(size[1])),
         zoom,
@@ -331,5 +332,5 @@ def _find_extent(heads: Mapping[str, ParameterTracks], sound: Sound | None) -> t
 
 def _load_rig(face: Rig | str | Path | None) -> Rig:
     if face is None:
-        return load_face()
-    return load_face(face) if isinstance(face, str | Path) else face
+        return load_face(tongue=True)
+    return load_face(face, tongue=None) if isinstance(face, str | Path) else face

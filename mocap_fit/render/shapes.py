@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_fit.face.rig import Rig
+from mocap_fit.phones import PhoneSequence
 from mocap_fit.render.sampling import sample_frames
 from mocap_fit.tracks import FloatArray, ParameterTracks
 
@@ -48,7 +49,10 @@ class BlendShapes:
 
 
 def compute_blend_shapes(
-    tracks: ParameterTracks, rig: Rig, rate: float | None = None
+    tracks: ParameterTracks,
+    rig: Rig,
+    rate: float | None = None,
+    phones: PhoneSequence | None = None,
 ) -> BlendShapes:
     """Compute shapes and weights that come near to a movement.
 
@@ -60,6 +64,8 @@ def compute_blend_shapes(
         The face that they move.
     rate
         Frame rate, hertz; that of the tracks if None.
+    phones
+        The phones of the utterance, by which a tongue moves that is not in the tracks.
 
     Returns
     -------
@@ -71,7 +77,7 @@ def compute_blend_shapes(
     DataError
         If the tracks have a parameter that the face lacks, or no frame.
     """
-    times, values = sample_frames(tracks, rig, rate)
+    times, values = sample_frames(tracks, rig, rate, phones)
     rest = rig.deform(np.zeros(len(rig.parameter_names)))
     axes = np.eye(len(rig.parameter_names))
     moving = [i for i in range(len(axes)) if np.abs(values[:, i]).max() > 1e-9]
