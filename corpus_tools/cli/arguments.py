@@ -52,6 +52,13 @@ ReferenceAsIs = Annotated[
     bool,
     Option("--reference-as-is", help="Read the reference pose without these four options."),
 ]
+Edits = Annotated[
+    Path | None,
+    Option(
+        metavar="FILE|DIR",
+        help="An edit list, or a folder of them; by default RECORDING.edits.toml beside each.",
+    ),
+]
 AllowMirrored = Annotated[
     bool, Option("--allow-mirrored", help="Mend recordings that are mirror images.")
 ]

@@ -42,6 +42,7 @@ def _fit(
     smooth: Annotated[
         bool, Option("--smooth", help="Fit all frames together, as smooth as the data say.")
     ] = False,
+    edits: arguments.Edits = None,
     allow_mirrored: arguments.AllowMirrored = False,
     rename: arguments.Rename = None,
     rate: arguments.Rate = None,
@@ -78,6 +79,7 @@ def _fit(
             out=out,
             face=face,
             between=part,
+            edits=edits,
             objective=arguments.check_choice(objective, OBJECTIVES, "--objective"),
             solver=arguments.check_choice(solver, SOLVERS, "--solver"),
             refine_pose=refine_pose,
@@ -122,6 +124,14 @@ def _convert(
         str | None, Option(help="In place of the manifest's; needed without one.")
     ] = None,
     layout: Annotated[str | None, Option(help="In place of the manifest's.")] = None,
+    edits: Annotated[
+        str | None,
+        Option(
+            metavar="PATTERN",
+            help="Edit lists under the root, such as edits/{id}.toml, in place of the "
+            "manifest's; by default RECORDING.edits.toml beside each recording.",
+        ),
+    ] = None,
     allow_mirrored: arguments.AllowMirrored = False,
     rename: arguments.Rename = None,
     rate: arguments.Rate = None,
@@ -162,6 +172,7 @@ def _convert(
             out=out,
             phone_set=phone_set,
             layout=layout,
+            edits=edits,
             allow_mirrored=allow_mirrored,
             **reading,
             reference_as_is=reference_as_is,

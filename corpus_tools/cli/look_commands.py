@@ -108,6 +108,7 @@ def _validate(
     phone_set: Annotated[
         str | None, Option(help="The phone set: a shipped name, or a TOML file.")
     ] = None,
+    edits: arguments.Edits = None,
     rename: arguments.Rename = None,
     rate: arguments.Rate = None,
     unit: arguments.Unit = None,
@@ -138,6 +139,7 @@ def _validate(
             thresholds=thresholds,
             layout=layout,
             phone_set=phone_set,
+            edits=edits,
             page=html,
             **reading,
             jobs=jobs,

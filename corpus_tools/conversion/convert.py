@@ -18,6 +18,7 @@ from corpus_tools.conversion.report import ConversionReport, format_messages
 from corpus_tools.conversion.utterance import ConversionJob
 from mocap_fit.errors import ConfigurationError, MocapFitError, MocapFitWarning
 from mocap_fit.phones import list_phone_sets
+from mocap_fit.settings_file import validate_settings
 
 _MANIFEST = "manifest.toml"
 
@@ -29,6 +30,7 @@ def convert(
     root: str | os.PathLike[str] | None = None,
     phone_set: str | None = None,
     layout: str | None = None,
+    edits: str | None = None,
     allow_mirrored: bool = False,
     rate: float | None = None,
     unit: str | None = None,
@@ -57,6 +59,9 @@ def convert(
         In place of the manifest's phone set; needed where there is no manifest.
     layout
         In place of the manifest's marker layout.
+    edits
+        Path of edit lists under the root, with ``{id}`` for the utterance, in place of the
+        manifest's; without either, ``RECORDING.edits.toml`` beside the recordings.
     allow_mirrored
         Whether mirrored recordings and reference poses are mended, and not refused; also where
         the manifest does not say so.
@@ -95,6 +100,7 @@ def convert(
     options = {
         "phone_set": phone_set,
         "layout": layout,
+        "edits": edits,
         "rate": rate,
         "unit": unit,
         "subject": subject,
@@ -139,11 +145,11 @@ def _read_manifest(path: Path, changes: Mapping[str, Any]) -> tuple[Manifest, Pa
         content = load_manifest(path).model_dump()
         for key, value in changes.items():
             content[key] = {**content[key], **value} if isinstance(value, dict) else value
-        return Manifest.model_validate(content), path.parent
+        return validate_settings(Manifest, content, path, "manifest"), path.parent
     if "phone_set" not in changes:
         raise ConfigurationError(
             f"there is no {_MANIFEST}, and nothing says which phones the labels are written in",
             path=path,
             expected=f"--phone-set with one of {', '.join(list_phone_sets())}, or a file",
         )
-    return Manifest.model_validate(changes), path
+    return validate_settings(Manifest, changes, path, "call"), path

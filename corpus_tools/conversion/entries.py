@@ -12,6 +12,7 @@ from typing import Any
 
 from corpus_tools.conversion.manifest import NAME, Manifest, Splits
 from mocap_fit.corpus import draw_fraction
+from mocap_fit.edits import EDITS_ENDING
 from mocap_fit.errors import ConfigurationError, from_os_error
 from mocap_fit.plain_text import to_unicode
 
@@ -72,7 +73,7 @@ def find_one_file(root: Path, pattern: str) -> Path | None:
     ConfigurationError
         If several match.
     """
-    matches = sorted(path for path in root.glob(pattern) if path.is_file())
+    matches = sorted(path for path in root.glob(pattern) if path.is_file() and not _is_list(path))
     if len(matches) > 1:
         raise ConfigurationError(
             f"several files match '{pattern}'",
@@ -81,6 +82,11 @@ def find_one_file(root: Path, pattern: str) -> Path | None:
             advice="Give the ending in the manifest.",
         )
     return matches[0] if matches else None
+
+
+def _is_list(path: Path) -> bool:
+    """Whether a file is an edit list, which has the name of its recording."""
+    return path.name.endswith(EDITS_ENDING)
 
 
 def list_recordings(manifest: Manifest, root: Path) -> tuple[str, ...]:
@@ -100,7 +106,8 @@ def list_recordings(manifest: Manifest, root: Path) -> tuple[str, ...]:
     """
     before, after = manifest.recordings.pattern.split("{id}")
     form = re.compile(re.escape(before) + "([^/]+?)" + re.escape(after).replace(r"\*", "[^/]*"))
-    files = (p.relative_to(root).as_posix() for p in root.glob(f"{before}*{after}"))
+    paths = (path for path in root.glob(f"{before}*{after}") if not _is_list(path))
+    files = (path.relative_to(root).as_posix() for path in paths)
     matches = (form.fullmatch(file) for file in sorted(files))
     return tuple(match[1] for match in matches if match)
 

@@ -16,7 +16,8 @@ import numpy as np
 
 from corpus_tools.batch import BatchProgress, Context, Item, ItemResult, run_batch
 from mocap_fit.atomic_file import check_existing, check_targets
-from mocap_fit.errors import ConfigurationError
+from mocap_fit.edits import EDITS_ENDING, EditList, load_edits
+from mocap_fit.errors import ConfigurationError, MocapFitError
 from mocap_fit.fitting.memory import check_memory
 from mocap_fit.fitting.objective import Objective
 from mocap_fit.fitting.speaker import Speaker, fit_speaker
@@ -102,6 +103,13 @@ class FitReport:
         return f"FitReport({fitted} of {len(self.recordings)} recordings fitted, out={self.out})"
 
 
+@dataclass(frozen=True, kw_only=True)
+class _FitItem(Item):
+    """A recording, and what a person mended in it."""
+
+    edits: EditList | None
+
+
 @dataclass(frozen=True, eq=False)
 class _FitJob:
     """How the recordings of a speaker are fitted; ``fingerprint_of_all`` is a sum over that."""
@@ -114,22 +122,26 @@ class _FitJob:
     fingerprint_of_all: str
     step: str = "fit_recording"
 
-    def compute_fingerprint(self, item: Item, sums: Mapping[str, str]) -> str:
+    def compute_fingerprint(self, item: _FitItem, sums: Mapping[str, str]) -> str:
         (name,) = item.sources
         # The file's name is in the result too.
         read = json.dumps([self.options.to_dict(), self.allow_mirrored], sort_keys=True)
         parts = [self.fingerprint_of_all, read, name, sums[name]]
         if self.between is not None:
             parts += map(repr, self.between)
+        if item.edits is not None:
+            parts.append(item.edits.digest)
         return hashlib.sha256(os.fsencode("\0".join(parts))).hexdigest()
 
-    def is_complete(self, item: Item, out: Path, figures: Mapping[str, Any]) -> bool:
+    def is_complete(self, item: _FitItem, out: Path, figures: Mapping[str, Any]) -> bool:
         return figures.keys() >= set(_REPORTED)
 
-    def process(self, item: Item, context: Context) -> Mapping[str, Any]:
+    def process(self, item: _FitItem, context: Context) -> Mapping[str, Any]:
         with context.time("reading"):
             path = context.folder / item.sources[0]
             recording = self.options.read_tracks(path)
+            if item.edits is not None:
+                recording = item.edits.apply(recording)
             if self.between is not None:
                 recording = recording.between(*self.between)
             check_memory(
@@ -176,6 +188,7 @@ def fit(
     out: _Path,
     face: str = "built-in",
     between: tuple[float, float] | None = None,
+    edits: _Path | None = None,
     objective: Objective = "distances",
     solver: str = "newton-nlopt",
     refine_pose: bool = False,
@@ -211,6 +224,9 @@ def fit(
         ``built-in``, or a rig file.
     between
         Start and end of the part of every recording that is fitted, seconds; None for all.
+    edits
+        An edit list, or a folder of ``RECORDING.edits.toml``; those beside the recordings where
+        left out.
     objective
         What is minimised: ``distances``, ``squares`` or ``huber``.
     solver
@@ -274,11 +290,18 @@ def fit(
     shared = speaker.compute_fingerprint(**settings)
     job = _FitJob(speaker, settings, between, options, allow_mirrored, shared)
     seconds = {"speaker": time.perf_counter() - began}
-    items = [_to_item(file) for file in files]
-    results = run_batch(
+    items: list[_FitItem] = []
+    results: dict[str, ItemResult] = {}
+    for file in files:
+        try:
+            items.append(_to_item(file, load_edits(file, edits)))
+        except MocapFitError as error:
+            results[file.stem] = ItemResult(file.stem, error=str(error))
+    batch = run_batch(
         job, items, Path(out), jobs=jobs, cluster=cluster, fresh=fresh, progress=progress
     )
-    for result in results:
+    results |= {result.name: result for result in batch}
+    for result in batch:
         for part, length in result.seconds.items():
             seconds[part] = seconds.get(part, 0.0) + length
     orientation = speaker.binding.orientation
@@ -287,14 +310,14 @@ def fit(
         speaker.layout.name,
         orientation.scale,
         dict(orientation.residuals or {}),
-        tuple(_to_row(file, r, Path(out)) for file, r in zip(files, results, strict=True)),
+        tuple(_to_row(file, results[file.stem], Path(out)) for file in files),
         {**seconds, "elapsed": time.perf_counter() - began},
     )
 
 
-def _to_item(file: Path) -> Item:
-    prefix = str(file)[: -len(file.name)]
-    return Item(file.stem, file.parent.absolute(), (file.name,), (f"{file.stem}.parquet",), prefix)
+def _to_item(file: Path, edits: EditList | None) -> _FitItem:
+    prefix, target = str(file)[: -len(file.name)], f"{file.stem}.parquet"
+    return _FitItem(file.stem, file.parent.absolute(), (file.name,), (target,), prefix, edits=edits)
 
 
 def _to_row(file: Path, result: ItemResult, out: Path) -> dict[str, Any]:
@@ -338,7 +361,7 @@ def find_recordings(paths: Sequence[Path]) -> list[Path]:
                 expected=f"files that end in {', '.join(sorted(known))}",
             )
         files += matches
-    files = list(dict.fromkeys(files))
+    files = [f for f in dict.fromkeys(files) if not f.name.endswith(EDITS_ENDING)]
     by_name: dict[str, Path] = {}
     for file in files:
         twin = by_name.setdefault(file.stem, file)

@@ -255,6 +255,8 @@ class Manifest(StrictModel):
         Whether reference poses are read without these four.
     start_time
         The first frame on the clock of the sound, seconds; None for the file's.
+    edits
+        Path of an edit list, with ``{id}`` for the utterance; None for those beside recordings.
     recordings, labels, sound
         Where the files of an utterance are.
     sync
@@ -280,6 +282,7 @@ class Manifest(StrictModel):
     rename: dict[str, str] = Field(default_factory=dict)
     reference_as_is: bool = False
     start_time: float | None = None
+    edits: _Pattern | None = None
     recordings: Recordings = Recordings()
     labels: LabelFiles = LabelFiles()
     sound: Sound = Sound()

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from corpus_tools.conversion.plan import Settings, UtteranceItem
+from mocap_fit import labels as label_files
 from mocap_fit.errors import DataError, MocapFitError, MocapFitWarning, add_path
-from mocap_fit.labels import read_phones
+from mocap_fit.labels import Labels, to_phones
 from mocap_fit.phones import PhoneSequence, UnknownPhone, find_unknown_phones
 from mocap_fit.sound import Sound, energy_db, synchronise
 from mocap_fit.tracks import MarkerTracks
@@ -57,6 +58,8 @@ def read_recording(settings: Settings, root: Path, item: UtteranceItem) -> Marke
     manifest = settings.manifest
     recording = manifest.reading.read_tracks(root / item.recording)
     try:
+        if item.edits is not None:
+            recording = item.edits.apply(recording)
         return settings.speakers[item.entry.reference].prepare(
             recording, allow_mirrored=manifest.fit.allow_mirrored
         )
@@ -94,12 +97,17 @@ def read_labels(
     """
     labels, phone_set = settings.manifest.labels, settings.phone_set
     path, name = root / item.labels, item.entry.id
+    raw = label_files.read_labels(path, name, rate=rate)
     try:
-        return read_phones(
-            path, labels.phones, labels.words, phone_set, table=labels.table, name=name, rate=rate
-        ).replace(name=name)
+        if item.edits is not None:
+            raw = item.edits.apply_to_labels(raw, labels.phones, phone_set, labels.table)
+        phones = to_phones(raw, labels.phones, labels.words, phone_set, table=labels.table)
+        phones = phones.replace(name=name)
+        if item.edits is None:
+            return phones
+        return phones.add_step("edit", {"edits": item.edits.to_dicts()})
     except DataError as error:
-        unknown = _find_unknown_phones(settings, root, item)
+        unknown = _find_unknown_phones(settings, item, raw)
         if not unknown:
             raise add_path(error, path) from None
         refused = UnknownPhonesError(
@@ -112,17 +120,17 @@ def read_labels(
 
 
 def _find_unknown_phones(
-    settings: Settings, root: Path, item: UtteranceItem
+    settings: Settings, item: UtteranceItem, raw: Labels
 ) -> tuple[UnknownPhone, ...]:
     """Return the labels that are in neither the phone set nor the manifest's table."""
     labels = settings.manifest.labels
     try:
-        raw = read_phones(root / item.labels, labels.phones, labels.words, name=item.entry.id)
+        phones = to_phones(raw, labels.phones, labels.words)
     except MocapFitError:
         return ()
-    segments = tuple(s for s in raw if s.phone not in labels.table)
-    raw = raw.replace(segments=segments, name=item.entry.id)
-    return find_unknown_phones(raw, settings.phone_set)
+    segments = tuple(s for s in phones if s.phone not in labels.table)
+    phones = phones.replace(segments=segments, name=item.entry.id)
+    return find_unknown_phones(phones, settings.phone_set)
 
 
 def synchronise_recording(

@@ -19,6 +19,7 @@ from corpus_tools.batch import Item
 from corpus_tools.conversion.entries import Entry, find_one_file
 from corpus_tools.conversion.fit import FitSettings
 from corpus_tools.conversion.manifest import Manifest
+from mocap_fit.edits import EDITS_ENDING, EditList, load_edits
 from mocap_fit.errors import ConfigurationError, MocapFitError, describe_error
 from mocap_fit.face import load_face
 from mocap_fit.fitting import Layout, load_layout
@@ -44,9 +45,12 @@ class UtteranceItem(Item):
     ----------
     entry
         What the manifest says of it.
+    edits
+        What a person mended in recording and labels; None where that is nothing.
     """
 
     entry: Entry
+    edits: EditList | None
 
     @property
     def recording(self) -> str:
@@ -267,12 +271,20 @@ def _find_files(manifest: Manifest, entry: Entry, finder: _Finder) -> UtteranceI
                 path=finder.root / pattern,
                 advice=f"{advice}, or take the utterance out of the table of sentences.",
             )
+    edits = load_edits(finder.root / sources[0], _locate_edits(manifest, entry, finder.root))
     targets = [f"{part}/{entry.id}.parquet" for part in PARTS]
     if len(sources) == len(_MISSING):
         targets.insert(0, f"{AUDIO}/{entry.id}.wav")
-    return UtteranceItem(
-        entry.id, finder.root.absolute(), tuple(sources), tuple(targets), entry=entry
-    )
+    folder = finder.root.absolute()
+    return UtteranceItem(entry.id, folder, tuple(sources), tuple(targets), entry=entry, edits=edits)
+
+
+def _locate_edits(manifest: Manifest, entry: Entry, root: Path) -> Path | None:
+    """Return the edit list that the manifest names; None for the one beside the recording."""
+    if manifest.edits is None:
+        return None
+    path = root / manifest.edits.replace("{id}", entry.stem)
+    return path if path.is_file() else None
 
 
 class _Finder:
@@ -302,5 +314,9 @@ class _Finder:
         if folder not in self._listed:
             self._listed[folder] = []
             with contextlib.suppress(OSError):
-                self._listed[folder] = sorted(p.name for p in folder.iterdir() if p.is_file())
+                self._listed[folder] = sorted(
+                    path.name
+                    for path in folder.iterdir()
+                    if path.is_file() and not path.name.endswith(EDITS_ENDING)
+                )
         return self._listed[folder]

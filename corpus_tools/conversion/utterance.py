@@ -70,6 +70,8 @@ class ConversionJob:
         entry, named = item.entry, [[path, sums[path]] for path in item.sources]
         shared = self.settings.fingerprints[entry.reference]
         about = [shared, entry.id, entry.start_time, named]
+        if item.edits is not None:
+            about.append(item.edits.digest)
         return hashlib.sha256(json.dumps(about).encode()).hexdigest()
 
     def is_complete(self, item: UtteranceItem, out: Path, figures: Mapping[str, Any]) -> bool:

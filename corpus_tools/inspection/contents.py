@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from mocap_fit.corpus import DESCRIPTION_FILE, Corpus, open_corpus
-from mocap_fit.errors import DataError, MocapFitWarning
+from mocap_fit.edits import load_edits, locate_edits
+from mocap_fit.errors import DataError, MocapFitError, MocapFitWarning
 from mocap_fit.fitting.memory import check_memory, estimate_memory
 from mocap_fit.io import ReadOptions, describe
 from mocap_fit.labels import (
@@ -235,6 +236,15 @@ def _describe_model(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 def _describe_recording(path: str | os.PathLike[str], options: ReadOptions) -> dict[str, Any]:
     content = describe(path, read=options.read)
+    edits = locate_edits(path)
+    if edits is not None:
+        try:
+            listed = load_edits(path)
+            names = ", ".join(edit.edit for edit in listed.edits) if listed else ""
+        except MocapFitError as error:
+            warnings.warn(str(error), MocapFitWarning, stacklevel=2)
+            names = "cannot be used"
+        content["edits"] = f"{edits.name}: {names}"
     if content["content"] == "markers":
         size = content["frames"], len(content["markers"])
         content["memory_to_fit"] = round(estimate_memory(*size) / 2**30, 2)

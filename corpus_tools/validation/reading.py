@@ -22,6 +22,7 @@ from corpus_tools.validation.tables import (
 )
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.corpus import Utterance
+from mocap_fit.edits import EDITS_ENDING, EditList, load_edits
 from mocap_fit.errors import (
     DataError,
     FrameTimesError,
@@ -30,7 +31,7 @@ from mocap_fit.errors import (
     describe_error,
     is_debugging,
 )
-from mocap_fit.io import READERS, ReadOptions
+from mocap_fit.io import READERS
 from mocap_fit.labels import LABEL_READERS, Label, Labels, Tier, find_phone_tier, read_all_labels
 from mocap_fit.phones import PhoneSet
 from mocap_fit.sound import SOUND_ENDINGS, read_sound
@@ -247,6 +248,8 @@ def group_files(paths: Sequence[Path]) -> tuple[list[Files], list[Path]]:
     others = []
     for path in sorted(paths):
         ending = path.suffix.lower()
+        if path.name.endswith(EDITS_ENDING):
+            continue
         files = groups.get(path.stem) or Files(path.stem)
         if ending in SOUND_ENDINGS:
             files.sounds.append(path)
@@ -372,24 +375,20 @@ def check_files(context: Context, files: Files) -> Checked:
     summaries
         What the checks of all utterances need of it.
     """
-    subjects, findings = read_files(files, context.phone_set, context.options)
+    subjects, findings = read_files(files, context)
     checked = [check_subject(subject, context) for subject in subjects]
     return findings + [f for more, _ in checked for f in more], [one for _, one in checked]
 
 
-def read_files(
-    files: Files, phone_set: PhoneSet | None, options: ReadOptions
-) -> tuple[list[Subject], list[Finding]]:
+def read_files(files: Files, context: Context) -> tuple[list[Subject], list[Finding]]:
     """Read the files of one utterance.
 
     Parameters
     ----------
     files
         Of several recordings (or sounds, or labels) of one name each is an utterance of its own.
-    phone_set
-        To find the tier of phones.
-    options
-        How recordings are read.
+    context
+        How they are read, and the phone set, to find the tier of phones.
 
     Returns
     -------
@@ -410,7 +409,34 @@ def read_files(
             subjects.append(subject)
         return subject
 
-    for file, tracks in _read_each(files.recordings, options.read, files.name, findings):
+    lists: list[EditList] = []
+
+    def read_recording(path: Path) -> Tracks:
+        tracks = context.options.read(path)
+        try:
+            edits = load_edits(path, context.edits)
+            if edits is not None and isinstance(tracks, MarkerTracks):
+                tracks = edits.apply(tracks)
+                lists.append(edits)
+        except MocapFitError as error:
+            findings.append(describe_failure(error, str(path), files.name).replace(code="MF004"))
+        return tracks
+
+    def read_labels(path: Path) -> tuple[Labels, ...]:
+        utterances = read_all_labels(path)
+        try:
+            for edits in lists:
+                utterances = tuple(
+                    edits.apply_to_labels(labels, phone_set=context.phone_set)
+                    if len(utterances) == 1 or labels.name == files.name
+                    else labels
+                    for labels in utterances
+                )
+        except MocapFitError as error:
+            findings.append(describe_failure(error, str(path), files.name).replace(code="MF004"))
+        return utterances
+
+    for file, tracks in _read_each(files.recordings, read_recording, files.name, findings):
         if isinstance(tracks, MarkerTracks):
             one = take_subject("markers")
             one.files["markers"], one.markers = file, tracks
@@ -422,13 +448,13 @@ def read_files(
         one = take_subject("sound")
         one.files["sound"], one.sound = file, sound
     subject = subjects[0]
-    for file, utterances in _read_each(files.labels, read_all_labels, files.name, findings):
+    for file, utterances in _read_each(files.labels, read_labels, files.name, findings):
         for labels in utterances:
             one = take_subject("labels")
             if len(utterances) > 1:
                 one.name = labels.name
             one.files["labels"] = file
-            findings += _read_phone_tier(one, labels, phone_set)
+            findings += _read_phone_tier(one, labels, context.phone_set)
     return [one for one in subjects if one.files], findings
 
 

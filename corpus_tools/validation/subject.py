@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -53,6 +54,8 @@ class Context:
         Frame rate that the recordings should have, hertz; None where it is not known.
     options
         How files of recordings are read.
+    edits
+        The edit list, or the folder of edit lists; None for those beside the recordings.
     """
 
     limits: Thresholds
@@ -61,6 +64,7 @@ class Context:
     phone_set: PhoneSet | None = None
     rate: float | None = None
     options: ReadOptions = field(default_factory=ReadOptions)
+    edits: str | os.PathLike[str] | None = None
 
 
 @dataclass

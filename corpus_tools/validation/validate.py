@@ -21,6 +21,7 @@ def validate(
     thresholds: str | os.PathLike[str] | None = None,
     layout: str | None = None,
     phone_set: str | None = None,
+    edits: str | os.PathLike[str] | None = None,
     page: str | os.PathLike[str] | None = None,
     rate: float | None = None,
     unit: str | None = None,
@@ -45,6 +46,9 @@ def validate(
         Name or file of the marker layout, in place of what a corpus or the names of markers say.
     phone_set
         Name or file of the phone set, in place of what a corpus says.
+    edits
+        An edit list, or a folder of ``RECORDING.edits.toml``; those beside the recordings where
+        left out. Edits are applied before anything is checked.
     page
         A new HTML file with the report and its pictures; None for no page.
     rate
@@ -77,7 +81,7 @@ def validate(
     from mocap_fit.phones import load_phone_set
 
     if page is not None:
-        check_targets([page], [*paths, thresholds, layout, phone_set])
+        check_targets([page], [*paths, thresholds, layout, phone_set, edits])
     if page is not None and not Path(page).absolute().parent.is_dir():
         advice = "Make the folder, or choose another one."
         raise ConfigurationError(
@@ -89,6 +93,7 @@ def validate(
         None if layout is None else load_layout(layout),
         phone_set=None if phone_set is None else load_phone_set(phone_set),
         options=ReadOptions(rate, unit, subject, rename or {}),
+        edits=edits,
     )
     report = Report(limits)
     loose = []
