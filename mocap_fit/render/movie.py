@@ -15,12 +15,12 @@ from mocap_fit.errors import DataError
 from mocap_fit.face import load_face
 from mocap_fit.face.rig import Rig
 from mocap_fit.phones import PhoneSequence
+from mocap_fit.render.framing import View
 from mocap_fit.render.liveliness import draw_liveliness
 from mocap_fit.render.movie_file import MovieFile, check_frame_rate, cut_sound, get_movie_kind
 from mocap_fit.render.pictures import Image
 from mocap_fit.render.running_strip import Curve, RunningStrip, draw_text, select_moving, to_curves
 from mocap_fit.render.sampling import sample_parameters
-from mocap_fit.render.scene import View
 from mocap_fit.render.talking import Talk, draw_frames
 from mocap_fit.sound import Sound, read_sound
 from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks
@@ -30,7 +30,6 @@ Tracks = ParameterTracks | Mapping[str, ParameterTracks]
 _LABEL_HEIGHT = 34
 _SUBTITLE_HEIGHT = 44
 _PAPER = 255
-_ZOOM = 1.3
 # Phones on either side of the current one, in the subtitles.
 _NEIGHBOURS = 4
 MAX_DURATION = 3600.0
@@ -76,7 +75,7 @@ def render_movie(
     rate: float = 25.0,
     size: tuple[int, int] = (640, 640),
     view: View | Sequence[View] = "front",
-    zoom: float = _ZOOM,
+    zoom: float = 1.0,
     phones: PhoneSequence | None = None,
     subtitles: bool = False,
     curves: bool | Sequence[str] = False,
@@ -111,7 +110,7 @@ def render_movie(
     view
         ``front``, ``three-quarter`` or ``side``; several are shown together.
     zoom
-        Magnification, no unit: 1 shows the entire head; above 1 is closer.
+        Magnification, no unit: 1 shows the head; above 1 comes closer to the mouth.
     phones
         The phones of the utterance, for the subtitles and below the curves; where the face has
         parameters of the tongue that the tracks lack, it moves by them.

@@ -5,27 +5,20 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mocap_fit.errors import DataError, MissingExtraError
 from mocap_fit.face.mesh import IndexArray, Mesh
+from mocap_fit.render.framing import DIRECTIONS, VIEW_ANGLE, View, frame_face
 from mocap_fit.render.lighting import Lighting
 from mocap_fit.render.pictures import Image
 from mocap_fit.tracks import FloatArray
 
-View = Literal["front", "three-quarter", "side"]
 Colour = tuple[float, float, float]
 
-# Direction from the face to the camera.
-_DIRECTIONS: dict[str, tuple[float, float, float]] = {
-    "front": (0.0, 0.02, 1.0),
-    "three-quarter": (0.68, 0.04, 0.8),
-    "side": (1.0, 0.02, 0.05),
-}
-_VIEW_ANGLE = 18.0
 _BACKGROUND: Colour = (0.90, 0.92, 0.945)
 _MARKER_COLOUR: Colour = (0.10, 0.45, 0.85)
 _MARKER_LIGHT = np.array([0.4, 0.5, 0.77])
@@ -84,9 +77,9 @@ class FaceScene:
     size
         Width and height of the picture, pixels.
     zoom
-        Magnification, no unit: 1 shows the entire mesh; above 1 is closer.
+        Magnification, no unit: 1 shows the head; above 1 comes closer to the mouth.
     centre
-        The point that the camera looks at, ``(3,)``, millimetres; the middle of the mesh if None.
+        The point in the middle of the picture instead, ``(3,)``, millimetres.
     marker_radius
         Radius of the balls that markers are drawn as, millimetres.
     smooth_edges
@@ -123,11 +116,15 @@ class FaceScene:
         plotter: Any = pyvista.Plotter(off_screen=True, window_size=drawn_size, lighting="none")
         plotter.set_background(_BACKGROUND)
         plotter.render_window.SetMultiSamples(0)
+        # Nobody looks at the window itself.
+        plotter.render_window.SetFrameBlitModeToNoBlit()
         self._plotter = plotter
         self._lighting = Lighting(mesh)
         self._face = _Surface(plotter, mesh.vertices, _list_outside_triangles(mesh))
         self._balls = _Balls(plotter, marker_radius)
-        _place_camera(plotter, mesh, view, zoom, centre)
+        camera = frame_face(mesh, view, zoom, centre)
+        plotter.camera.focal_point, plotter.camera.position = camera.target, camera.position
+        plotter.camera.up, plotter.camera.view_angle = (0.0, 1.0, 0.0), VIEW_ANGLE
         # `show` sets the window up; it must come before the first picture, and only once.
         plotter.show(auto_close=False)
         self._pixels = vtkUnsignedCharArray()
@@ -322,9 +319,9 @@ def render_face(
     size
         Width and height of the picture, pixels.
     zoom
-        Magnification, no unit: 1 shows the entire mesh; above 1 is closer.
+        Magnification, no unit: 1 shows the head; above 1 comes closer to the mouth.
     centre
-        The point that the camera looks at, ``(3,)``, millimetres; the middle of the mesh if None.
+        The point in the middle of the picture instead, ``(3,)``, millimetres.
     markers
         Markers to draw as balls, ``(markers, 3)``, millimetres; one that is missing (NaN) is not
         drawn.
@@ -346,8 +343,8 @@ def render_face(
 
 
 def _check_view(view: str, size: tuple[int, int], zoom: float) -> None:
-    if view not in _DIRECTIONS:
-        raise DataError(f"there is no view '{view}'", expected=f"one of {', '.join(_DIRECTIONS)}")
+    if view not in DIRECTIONS:
+        raise DataError(f"there is no view '{view}'", expected=f"one of {', '.join(DIRECTIONS)}")
     if len(size) != 2 or min(size) < 16 or max(size) > 8192:
         raise DataError(
             "a picture of this size cannot be drawn",
@@ -401,17 +398,3 @@ def _is_closed(vertices: FloatArray, triangles: IndexArray) -> bool:
     a, b, c = (vertices[triangles[:, corner]] - vertices[first].mean(axis=0) for corner in range(3))
     volume = float(np.einsum("ij,ij->", np.cross(a, b), c))
     return bool(np.isin(edges, opposite).mean() > 0.97 and volume > 0)
-
-
-def _place_camera(
-    plotter: Any, mesh: Mesh, view: str, zoom: float, centre: ArrayLike | None
-) -> None:
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    target = 0.5 * (low + high) if centre is None else np.asarray(centre, dtype=np.float64)
-    direction = np.array(_DIRECTIONS[view])
-    distance = 0.56 * (high[1] - low[1]) / np.tan(np.radians(_VIEW_ANGLE) / 2) / zoom
-    camera = plotter.camera
-    camera.focal_point = target
-    camera.position = target + direction / np.linalg.norm(direction) * distance
-    camera.up = (0.0, 1.0, 0.0)
-    camera.view_angle = _VIEW_ANGLE

@@ -14,7 +14,8 @@ from mocap_fit.face.rig import Rig
 from mocap_fit.processes import DeadProcess, run_in_processes
 from mocap_fit.render.liveliness import Liveliness, LivelyFace
 from mocap_fit.render.pictures import Image
-from mocap_fit.render.scene import FaceScene, View
+from mocap_fit.render.framing import View
+from mocap_fit.render.scene import FaceScene
 from mocap_fit.tracks import FloatArray
 
 # Frames that a process draws before it returns them.
@@ -37,7 +38,7 @@ class Talk:
     size
         Width and height of one picture of a head, pixels.
     zoom
-        Magnification, no unit: 1 shows the entire mesh; above 1 is closer.
+        Magnification, no unit: 1 shows the head; above 1 comes closer to the mouth.
     life
         Blinks and head motion, which all heads share.
     markers
@@ -68,9 +69,7 @@ class _Heads:
         self._stack = ExitStack()
         self._scenes = [
             self._stack.enter_context(
-                FaceScene(
-                    mesh, view=view, size=talk.size, zoom=talk.zoom, centre=_find_middle(talk.rig)
-                )
+                FaceScene(mesh, view=view, size=talk.size, zoom=talk.zoom)
             )
             for view in talk.views
         ]
@@ -175,13 +174,3 @@ def _draw(
 ) -> list[list[list[Image]]]:
     heads = _open_heads(talk)
     return [heads.draw(number) for number in batch]
-
-
-def _find_middle(rig: Rig) -> FloatArray:
-    """Return what the camera looks at: between eyes and chin, where a face has them."""
-    mesh = rig.mesh
-    middle = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
-    nose = mesh.feature_points.get("9.3")
-    if nose is not None:
-        middle[1] = 0.5 * (middle[1] + mesh.vertices[nose, 1])
-    return np.asarray(middle)
