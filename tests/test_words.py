@@ -38,7 +38,7 @@ VERBS = frozenset(
     ease elaborate eliminate emit enable encode end ensure enter enumerate erase escape estimate
     evaluate exchange execute exit expand explain export express extend extract
     factor fade fail fetch fill filter find finish fit fix flatten flip flush fold follow forget
-    format forward free freeze
+    format forward frame free freeze
     gather generate get give grade group grow guard guess guide
     handle hash hide hold
     identify ignore import improve index infer inflate initialise inject insert inspect install

@@ -13,7 +13,7 @@ from corpus_tools.cli import arguments, display
 from corpus_tools.cli.arguments import Argument, AsJson, Option
 
 if TYPE_CHECKING:
-    from mocap_fit.render.scene import View
+    from mocap_fit.render.framing import View
 
 _VIEWS: tuple[View, ...] = ("front", "three-quarter", "side")
 _Model = Annotated[
@@ -65,23 +65,30 @@ def _speak(
         list[str] | None, Option(metavar="VIEW", help="front, three-quarter or side; repeatable.")
     ] = None,
     size: Annotated[int, Option(min=64, max=4096, help="Pixels each way of a head.")] = 640,
-    zoom: Annotated[float, Option(min=0.2, max=20, help="Above 1.3 is closer.")] = 1.3,
+    zoom: Annotated[
+        float, Option(min=0.2, max=20, help="1 shows the head; above 1: closer to the mouth.")
+    ] = 1.0,
     subtitles: Annotated[
         bool, Option("--subtitles", help="Write the phones under the heads.")
     ] = False,
     curves: Annotated[
         bool, Option("--curves", help="Let the parameters' curves run along below.")
     ] = False,
-    blinks: Annotated[bool, Option("--blinks", help="Let the eyes blink.")] = False,
-    head_motion: Annotated[
-        bool, Option("--head-motion", help="Let the head move a little.")
+    still: Annotated[
+        bool,
+        Option("--still", help="No blinks, and a head at rest, as always with --tracks."),
     ] = False,
-    seed: Annotated[int, Option(min=0, help="Seed of blinks and head motion.")] = 0,
+    seed: Annotated[
+        int, Option(min=0, help="Seed of blinks and head motion, the same in all conditions.")
+    ] = 0,
     markers: Annotated[
         Path | None, Option(help="A recording, drawn over the head; with --reference and --layout.")
     ] = None,
-    reference: Annotated[Path | None, Option(help="The reference pose of --markers.")] = None,
-    layout: Annotated[str | None, Option(help="The marker layout of --markers.")] = None,
+    head: Annotated[
+        Path | None, Option(help="With --tracks: a corpus's head/ID.parquet; the head moves so.")
+    ] = None,
+    reference: Annotated[Path | None, Option(help="The speaker's reference pose.")] = None,
+    layout: Annotated[str | None, Option(help="The marker layout of the speaker.")] = None,
     face: arguments.Face = "built-in",
     keep: Annotated[Path | None, Option(help="A folder for tracks, labels, sound.")] = None,
     overwrite: arguments.Overwrite = False,
@@ -128,10 +135,13 @@ def _speak(
         )
     if text is not None and audio is not None:
         raise typer.BadParameter("a text has its own sound", param_hint="--audio")
-    if (reference is None) != (layout is None) or (reference is not None and markers is None):
+    if (reference is None) != (layout is None) or (reference and not (markers or head)):
         raise typer.BadParameter(
-            "--markers, --reference and --layout go together", param_hint="--markers"
+            "--reference and --layout go together, with --markers or --head",
+            param_hint="--reference",
         )
+    if head is not None and tracks is None:
+        raise typer.BadParameter("a measured head goes with --tracks", param_hint="--head")
     if out is None:
         raise typer.BadParameter("say where to: --out FILE.mp4", param_hint="--out")
     views = tuple(arguments.check_choice(name, _VIEWS, "--view") for name in view or ["front"])
@@ -143,11 +153,11 @@ def _speak(
         zoom,
         subtitles,
         curves,
-        blinks,
-        head_motion,
+        still,
         seed,
         face,
         markers,
+        head,
         reference,
         layout,
     )

@@ -263,7 +263,7 @@ def draw_faces(recording: FittedRecording, binding: Binding, frames: Sequence[in
     )
     for row, view in enumerate(("front", "three-quarter")):
         centre = mesh.vertices[mesh.get_feature_point("9.3")] * (0.15, 1.0, 0.3) - (0.0, 22.0, 0.0)
-        with FaceScene(mesh, view=view, size=size, zoom=1.75, centre=centre) as scene:  # type: ignore[arg-type]
+        with FaceScene(mesh, view=view, size=size, zoom=1.5, centre=centre) as scene:  # type: ignore[arg-type]
             for column, frame in enumerate(frames):
                 values = recording.fit.parameters.values[frame]
                 vertices = binding.rig.deform(values)

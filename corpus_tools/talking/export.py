@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from corpus_tools.talking.speak import read_parameters
+from corpus_tools.talking.measured import read_parameters
 from mocap_fit.atomic_file import check_targets, remove_partials, write_text
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.face import load_face

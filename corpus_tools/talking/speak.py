@@ -12,21 +12,22 @@ from typing import TYPE_CHECKING, Any
 
 from corpus_tools.talking import speak_models
 from corpus_tools.talking.lips import list_events, measure_lips
+from corpus_tools.talking.measured import read_markers, read_parameters, read_pose
 from corpus_tools.tasks import TaskProgress, count_steps
 from mocap_fit.atomic_file import check_existing, check_targets, make_folder
 from mocap_fit.control import ControlModel
-from mocap_fit.errors import ConfigurationError, DataError, FileFormatError
+from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.face import load_face
 from mocap_fit.face.lips import has_lip_line
 from mocap_fit.face.rig import Rig
 from mocap_fit.phones import PhoneSequence, PhoneSet, list_phone_sets, load_phone_set
 from mocap_fit.processes import count_cores, limit_to_one_thread
 from mocap_fit.sound import Sound, read_sound
-from mocap_fit.tracks import MarkerTracks, ParameterTracks
+from mocap_fit.tracks import ParameterTracks
 
 if TYPE_CHECKING:
     from mocap_fit.evaluation import LipGaps
-    from mocap_fit.render.scene import View
+    from mocap_fit.render.framing import View
 
 DEFAULT_MODEL = "cohen-massaro"
 MEASURED = "measured"
@@ -81,24 +82,25 @@ class Look:
     views
         Where it is seen from: ``front``, ``three-quarter`` or ``side``, one picture each.
     zoom
-        Distance of the camera: larger is closer; no unit.
+        Magnification, no unit: 1 shows the head; above 1 comes closer to the mouth.
     subtitles
         Whether the phones are written under the heads.
     curves
         Whether curves of all parameters, or of those that are named, run along below.
-    blinks
-        Whether the eyes blink.
-    head_motion
-        Whether the head moves a little.
+    still
+        Whether eyes do not blink and the head rests. With measured tracks that is always so.
     seed
-        Seed of blinks and head motion.
+        Seed of blinks and head motion: with the same one, all conditions of an experiment blink and
+        nod alike.
     face
         ``built-in``, or a rig file.
     markers
         A recording whose markers are drawn.
+    head
+        The measured pose of the head (Parquet), as a corpus has it: the head moves so.
     reference
-        The reference pose of its speaker; with it and ``layout`` the markers are put on the face
-        as `fit` does it, without it they must be there already.
+        The reference pose of the speaker; with it and ``layout`` markers and pose are brought to
+        the face as `fit` does it, without it they must have its axes already.
     layout
         The marker layout of the recording.
     """
@@ -106,14 +108,14 @@ class Look:
     rate: float = 25.0
     size: tuple[int, int] = (640, 640)
     views: tuple[View, ...] = ("front",)
-    zoom: float = 1.3
+    zoom: float = 1.0
     subtitles: bool = False
     curves: bool | tuple[str, ...] = False
-    blinks: bool = False
-    head_motion: bool = False
+    still: bool = False
     seed: int = 0
     face: str = "built-in"
     markers: Path | None = None
+    head: Path | None = None
     reference: Path | None = None
     layout: str | None = None
 
@@ -243,7 +245,7 @@ def speak(
     wanted = Source(source) if isinstance(source, str) else source
     wanted = dataclasses.replace(wanted, language=find_language(wanted.language))
     read = [wanted.labels, wanted.tracks, wanted.sound, wanted.phone_set, *models]
-    read += [look.markers, look.reference, look.layout, look.face]
+    read += [look.markers, look.head, look.reference, look.layout, look.face]
     check_targets([file], read)
     speech, chosen = _collect(wanted, list(models), rig, progress)
     start, end = _find_extent(speech, with_phones=bool(chosen))
@@ -254,7 +256,9 @@ def speak(
     face = rig if has_lip_line(rig.mesh) else None
     how = {"nearest": nearest, "face": face, "articulation": articulation}
     _predict(speech, chosen, look.rate, {**how, "start_time": first, "frames": frames})
-    markers = None if look.markers is None else _read_markers(look, speech.heads.get(MEASURED))
+    markers = None if look.markers is None else read_markers(look, speech.heads.get(MEASURED))
+    # Beside what was measured nothing is drawn at random.
+    is_alive = not look.still and wanted.tracks is None
     if keep is not None:
         _save(speech, Path(keep), read, overwrite=overwrite)
     heads = speech.heads if len(speech.heads) > 1 else next(iter(speech.heads.values()))
@@ -273,8 +277,8 @@ def speak(
         subtitles=look.subtitles,
         curves=look.curves,
         markers=markers,
-        blinks=look.blinks,
-        head_motion=look.head_motion,
+        blinks=is_alive,
+        head_motion=is_alive if look.head is None else read_pose(look),
         seed=look.seed,
         extent=(start, end),
         jobs=jobs or min(count_cores(), 1 + pictures // _FRAMES_PER_PROCESS),
@@ -419,56 +423,6 @@ def _predict(
         speech.heads[label] = synthesise(speech.phones, model, rate, **how)
         about = {"about": speak_models.describe_model(model), "trained_on": model.trained_on_}
         speech.about.append({"head": label, "model": model.name, **about})
-
-
-def read_parameters(path: Path) -> ParameterTracks:
-    """Read face parameters that `mocap-fit fit` or `convert` wrote.
-
-    Parameters
-    ----------
-    path
-        A Parquet file.
-
-    Returns
-    -------
-    ParameterTracks
-        The parameters.
-
-    Raises
-    ------
-    FileFormatError
-        If it holds something else.
-    """
-    from mocap_fit.tracks import read_parquet
-
-    tracks = read_parquet(path)
-    if not isinstance(tracks, ParameterTracks):
-        raise FileFormatError(
-            "the file does not hold face parameters",
-            path=path,
-            found=type(tracks).__name__,
-            expected="what mocap-fit fit or convert wrote",
-        )
-    return tracks
-
-
-def _read_markers(look: Look, tracks: ParameterTracks | None) -> MarkerTracks:
-    """Return recorded markers on the face, on the clock of the measured tracks."""
-    from mocap_fit.io import read_tracks
-
-    assert look.markers is not None
-    markers = read_tracks(look.markers)
-    if look.reference is not None and look.layout is not None:
-        from mocap_fit.fitting import fit_speaker
-
-        speaker = fit_speaker(look.face, look.layout, look.reference)
-        still, _ = speaker.remove_head_motion(speaker.prepare(markers))
-        still = still.select(speaker.binding.names)
-        markers = still.replace(positions=speaker.binding.orientation.apply(still.positions))
-    if tracks is not None and tracks.frames == markers.frames:
-        # A corpus puts a recording on the clock of its sound; the recording itself is not.
-        markers = markers.replace(start_time=tracks.start_time)
-    return markers
 
 
 def _save(

@@ -1,19 +1,20 @@
-"""Blinks, and the small motion of a living head.
+"""Blinks, and the motion of a living head.
 
-Neither is measured or predicted: they are drawn at random from a seed, and only on request.
+Both are drawn at random from a seed, which is to be the same for all conditions of an experiment;
+or the head moves as it was measured.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial.transform import Rotation
 
-from mocap_fit.errors import ConfigurationError
+from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.face.mesh import IndexArray, Mesh
-from mocap_fit.tracks import FloatArray
+from mocap_fit.tracks import FloatArray, PoseTracks
 
 # Seconds in which lids fall, stay closed, and rise.
 _FALL, _STAY, _RISE = 0.09, 0.03, 0.16
@@ -89,6 +90,56 @@ def draw_liveliness(
     return Liveliness(closed, turns, shifts)
 
 
+def follow_pose(life: Liveliness, pose: PoseTracks, times: FloatArray, mesh: Mesh) -> Liveliness:
+    """Move the head as it was measured, about its mean pose.
+
+    Parameters
+    ----------
+    life
+        Blinks; the motion of the head is replaced.
+    pose
+        Pose of the head in the axes of the face, such as a corpus has it; the first body is used.
+    times
+        Times of the frames, ``(frames,)``, seconds. Gaps are bridged, and the first and the last
+        pose hold before and after.
+    mesh
+        The face.
+
+    Returns
+    -------
+    Liveliness
+        With the measured motion.
+
+    Raises
+    ------
+    DataError
+        If the pose is known in no frame.
+    """
+    known = np.isfinite(pose.translations[:, 0]).all(axis=1)
+    known &= np.isfinite(pose.rotations[:, 0]).all(axis=(1, 2))
+    if not known.any():
+        raise DataError("the pose of the head is known in no frame", found=pose.name or None)
+    rotations = Rotation.from_matrix(pose.rotations[known, 0])
+    mean = rotations.mean().inv()
+    turns = mean * rotations
+    shifts = mean.apply(pose.translations[known, 0])
+    # The same motion, as a rotation about the neck's joint and a translation.
+    joint = _find_joint(mesh)
+    shifts += turns.apply(joint)
+    motion = np.hstack([turns.as_rotvec(), shifts - shifts.mean(axis=0)])
+    between = [np.interp(times, pose.times[known], column) for column in motion.T]
+    return replace(life, turns=np.stack(between[:3], axis=1), shifts=np.stack(between[3:], axis=1))
+
+
+def _find_joint(mesh: Mesh) -> FloatArray:
+    """Return the point about which the head turns, ``(3,)``: below the ears, as low as the chin."""
+    points = mesh.feature_points
+    ears = [points[name] for name in ("10.7", "10.8") if name in points]
+    middle = mesh.vertices[ears].mean(axis=0) if ears else mesh.vertices.mean(axis=0)
+    low = mesh.vertices[points["2.1"], 1] if "2.1" in points else mesh.vertices[:, 1].min()
+    return np.array([0.0, low, middle[2]])
+
+
 def _draw_blinks(times: FloatArray, rng: np.random.Generator) -> FloatArray:
     closed = np.zeros(len(times))
     begin = float(times[0]) + rng.uniform(0.4, 1.6)
@@ -137,15 +188,10 @@ class LivelyFace:
     def __init__(self, mesh: Mesh, *, blinks: bool = True) -> None:
         self._lids = [_Lid(mesh, *eye) for eye in _EYES] if blinks else []
         low = float(mesh.vertices[:, 1].min())
-        chin = mesh.feature_points.get("2.1")
-        self._chin = low if chin is None else float(mesh.vertices[chin, 1])
+        self._joint = _find_joint(mesh)
+        self._chin = float(self._joint[1])
         # A face without a neck moves as a whole.
         self._foot = self._chin - _NECK if self._chin - low > 0.3 * _NECK else -np.inf
-        ears = [
-            mesh.feature_points[name] for name in ("10.7", "10.8") if name in mesh.feature_points
-        ]
-        middle = mesh.vertices[ears].mean(axis=0) if ears else mesh.vertices.mean(axis=0)
-        self._joint = np.array([0.0, self._chin, float(middle[2])])
 
     def move(
         self, vertices: FloatArray, blink: float, turn: FloatArray, shift: FloatArray
@@ -175,7 +221,7 @@ class LivelyFace:
         return self.carry(vertices, turn, shift)
 
     def carry(self, points: FloatArray, turn: FloatArray, shift: FloatArray) -> FloatArray:
-        """Move points with the head, such as markers.
+        """Move points with the head, such as markers; what is below the neck only shifts.
 
         Parameters
         ----------
@@ -193,11 +239,11 @@ class LivelyFace:
         """
         if not (np.any(turn) or np.any(shift)):
             return points
-        moved = Rotation.from_rotvec(turn).apply(points - self._joint) + self._joint + shift
-        if not np.isfinite(self._foot):
-            return np.asarray(moved)
-        share = _ease(np.clip((points[:, 1] - self._foot) / (self._chin - self._foot), 0.0, 1.0))
-        return np.asarray(points + share[:, None] * (moved - points))
+        moved = Rotation.from_rotvec(turn).apply(points - self._joint) + self._joint
+        if np.isfinite(self._foot):
+            height = (points[:, 1] - self._foot) / (self._chin - self._foot)
+            moved = points + _ease(np.clip(height, 0.0, 1.0))[:, None] * (moved - points)
+        return np.asarray(moved + shift)
 
 
 class _Lid:

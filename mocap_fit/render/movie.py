@@ -16,14 +16,14 @@ from mocap_fit.face import load_face
 from mocap_fit.face.rig import Rig
 from mocap_fit.phones import PhoneSequence
 from mocap_fit.render.framing import View
-from mocap_fit.render.liveliness import draw_liveliness
+from mocap_fit.render.liveliness import draw_liveliness, follow_pose
 from mocap_fit.render.movie_file import MovieFile, check_frame_rate, cut_sound, get_movie_kind
 from mocap_fit.render.pictures import Image
 from mocap_fit.render.running_strip import Curve, RunningStrip, draw_text, select_moving, to_curves
 from mocap_fit.render.sampling import sample_parameters
 from mocap_fit.render.talking import Talk, draw_frames
 from mocap_fit.sound import Sound, read_sound
-from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks
+from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks, PoseTracks
 
 Tracks = ParameterTracks | Mapping[str, ParameterTracks]
 
@@ -81,7 +81,7 @@ def render_movie(
     curves: bool | Sequence[str] = False,
     markers: MarkerTracks | None = None,
     blinks: bool = False,
-    head_motion: bool = False,
+    head_motion: bool | PoseTracks = False,
     seed: int = 0,
     extent: tuple[float, float] | None = None,
     jobs: int = 1,
@@ -124,7 +124,8 @@ def render_movie(
     blinks
         Whether blinks are added, drawn at random from the seed.
     head_motion
-        Whether head motion is added, drawn at random from the seed.
+        Whether head motion is added, drawn at random from the seed; or the pose of a head that was
+        measured, in the axes of the face, whose motion about its mean is added.
     seed
         Another seed draws other blinks and head motion.
     extent
@@ -146,7 +147,8 @@ def render_movie(
     ConfigurationError
         If the ending is unknown, or the face cannot blink.
     DataError
-        If tracks, rate, size or view are out of range, or subtitles have no phones.
+        If tracks, rate, size or view are out of range, subtitles have no phones, or the pose of the
+        head is never known.
     FileFormatError
         If the sound cannot be read, or the movie cannot be written.
     MissingExtraError
@@ -188,13 +190,17 @@ def render_movie(
     views: tuple[View, ...] = (view,) if isinstance(view, str) else tuple(view)
     if not views:
         raise DataError("a movie needs a view")
+    is_drawn = head_motion is True
+    life = draw_liveliness(times, blinks=blinks, head_motion=is_drawn, seed=seed)
+    if isinstance(head_motion, PoseTracks):
+        life = follow_pose(life, head_motion, times, rig.mesh)
     talk = Talk(
         rig,
         tuple(sample_parameters(head, times, rig, phones) for head in heads.values()),
         views,
         (int(size[0]), int(size[1])),
         zoom,
-        draw_liveliness(times, blinks=blinks, head_motion=head_motion, seed=seed),
+        life,
         np.zeros((count, 0, 3)) if markers is None else markers.at(times),
     )
     chosen = select_moving(list(heads.values())) if curves is True else tuple(curves or ())

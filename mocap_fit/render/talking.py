@@ -7,14 +7,12 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import cache
 
-import numpy as np
-
 from mocap_fit.errors import DataError
 from mocap_fit.face.rig import Rig
 from mocap_fit.processes import DeadProcess, run_in_processes
+from mocap_fit.render.framing import View
 from mocap_fit.render.liveliness import Liveliness, LivelyFace
 from mocap_fit.render.pictures import Image
-from mocap_fit.render.framing import View
 from mocap_fit.render.scene import FaceScene
 from mocap_fit.tracks import FloatArray
 
@@ -68,9 +66,7 @@ class _Heads:
         self._lively = LivelyFace(mesh, blinks=bool(talk.life.blinks.any()))
         self._stack = ExitStack()
         self._scenes = [
-            self._stack.enter_context(
-                FaceScene(mesh, view=view, size=talk.size, zoom=talk.zoom)
-            )
+            self._stack.enter_context(FaceScene(mesh, view=view, size=talk.size, zoom=talk.zoom))
             for view in talk.views
         ]
 

@@ -5,17 +5,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from mocap_fit.errors import DataError
 from mocap_fit.face import load_face
 from mocap_fit.face.mesh import Mesh
 from mocap_fit.phones import PhoneSegment, PhoneSequence
 from mocap_fit.render import render_movie
-from mocap_fit.render.liveliness import LivelyFace, draw_liveliness
+from mocap_fit.render.liveliness import LivelyFace, draw_liveliness, follow_pose
 from mocap_fit.render.running_strip import RunningStrip, draw_text, select_moving, to_curves
 from mocap_fit.render.sampling import sample_parameters
 from mocap_fit.sound import Sound
-from mocap_fit.tracks import MarkerTracks, ParameterTracks
+from mocap_fit.tracks import MarkerTracks, ParameterTracks, PoseTracks
 
 SIZE = (120, 128)
 
@@ -254,16 +255,38 @@ class TestLiveliness:
             lively.move(mesh.vertices, 0.0, np.zeros(3), np.zeros(3)), mesh.vertices
         )
 
-    def test_the_neck_stays_on_its_shoulders(self, rig):
+    def test_the_neck_does_not_turn_on_its_shoulders(self, rig):
         vertices = rig.mesh.vertices
         moved = LivelyFace(rig.mesh).carry(vertices, np.array([0.0, 0.1, 0.0]), np.ones(3))
         lowest = vertices[:, 1] < vertices[:, 1].min() + 0.5
-        assert np.abs(moved - vertices)[lowest].max() < 0.2
+        assert np.abs(moved - vertices - 1.0)[lowest].max() < 0.2
         head = vertices[:, 1] > 0
         apart = np.linalg.norm(vertices[head][0] - vertices[head], axis=1)
         np.testing.assert_allclose(
             np.linalg.norm(moved[head][0] - moved[head], axis=1), apart, atol=1e-9
         )
+
+    def test_a_measured_pose_moves_the_head_about_its_mean(self, rig):
+        times = np.arange(50) / 50
+        nods = Rotation.from_rotvec(np.outer(0.1 * np.sin(2 * np.pi * times), [1.0, 0, 0]))
+        turn = Rotation.from_euler("y", 40, degrees=True)
+        rotations = (turn * nods).as_matrix()[:, None]
+        places = np.array([900.0, 100.0, -50.0]) + turn.apply(np.outer(times, [0.0, 0.0, 4.0]))
+        gap = np.where(np.arange(50) == 20, np.nan, 1.0)[:, None, None]
+        pose = PoseTracks(("head",), 50.0, rotations * gap[..., None], places[:, None] * gap)
+        still = draw_liveliness(times, blinks=False, head_motion=False)
+        life = follow_pose(still, pose, times, rig.mesh)
+        lively = LivelyFace(rig.mesh, blinks=False)
+        # The nose moves as it did in the recording, seen from where the speaker looked on average.
+        nose = rig.mesh.vertices[[rig.mesh.get_feature_point("9.3")]]
+        shown = np.array([lively.carry(nose, life.turns[i], life.shifts[i])[0] for i in (5, 15)])
+        said = (turn * nods).apply(nose[0]) + places
+        moved = turn.inv().apply(said[15] - said[5])
+        np.testing.assert_allclose(shown[1] - shown[0], moved, atol=0.02)
+        assert np.abs(life.turns.mean(axis=0)).max() < 0.01
+        assert np.isfinite(life.shifts).all()
+        with pytest.raises(DataError, match="known in no frame"):
+            follow_pose(still, pose.replace(rotations=rotations * np.nan), times, rig.mesh)
 
     def test_a_mesh_without_lids_cannot_blink(self):
         from mocap_fit.errors import ConfigurationError

@@ -11,6 +11,7 @@ from mocap_fit.errors import DataError
 from mocap_fit.face.builtin import load_built_in_head
 from mocap_fit.face.mesh import Mesh
 from mocap_fit.render import FaceScene, render_face
+from mocap_fit.render.framing import VIEW_ANGLE, frame_face
 
 SIZE = (160, 200)
 
@@ -113,6 +114,38 @@ def test_zoom_and_centre_come_closer(head):
     near = render_face(head, size=SIZE, zoom=5.0, centre=lips).astype(int)
     # Nothing but skin and lips is left in the picture.
     assert ((near[..., 0] - near[..., 2]) > 5).mean() > 0.95
+
+
+@pytest.mark.parametrize("view", ["front", "three-quarter", "side"])
+def test_the_crown_is_in_the_picture_and_zoom_brings_the_mouth_to_its_middle(head, view):
+    def frame(zoom):
+        camera = frame_face(head, view, zoom)
+        forwards = camera.target - camera.position
+        across = np.cross(forwards, [0.0, 1.0, 0.0])
+        axes = [side / np.linalg.norm(side) for side in (across, np.cross(across, forwards))]
+
+        def project(points):
+            """From the middle of the picture to its edges: -1 to 1."""
+            seen = points - camera.position
+            depth = seen @ forwards / np.linalg.norm(forwards)
+            half = depth * np.tan(np.radians(VIEW_ANGLE / 2))
+            return np.stack([seen @ axis / half for axis in axes], axis=-1)
+
+        return project
+
+    skull = head.vertices[head.vertices[:, 1] > head.vertices[head.get_feature_point("2.1"), 1]]
+    assert np.abs(frame(1.0)(skull)).max() < 0.97
+    assert frame(1.0)(skull)[:, 1].max() > 0.85
+    mouth = head.vertices[head.get_feature_point("2.2")]
+    away = [np.linalg.norm(frame(zoom)(mouth)) for zoom in (1.0, 1.5, 2.0, 4.0, 8.0)]
+    assert away == sorted(away, reverse=True)
+    assert away[2] < 0.2
+    assert away[3] < 0.05
+
+
+def test_a_centre_is_in_the_middle_at_every_zoom(head):
+    for zoom in (0.7, 3.0):
+        np.testing.assert_array_equal(frame_face(head, "side", zoom, [1, 2, 3]).target, [1, 2, 3])
 
 
 def test_a_mesh_without_colours_takes_those_of_its_material():

@@ -6,6 +6,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from corpus_tools.cli import app as cli
 from corpus_tools.cli import speak_printing
@@ -16,9 +17,9 @@ from corpus_tools.talking.stream import stream
 from mocap_fit.control.rule_based import RuleBased
 from mocap_fit.errors import FileFormatError, MocapFitWarning
 from mocap_fit.labels import to_labels, write_labels
-from mocap_fit.phones import PhoneSegment, PhoneSequence
+from mocap_fit.phones import ARTICULATORY_PARAMETERS, PhoneSegment, PhoneSequence
 from mocap_fit.sound import Sound, write_sound
-from mocap_fit.tracks import MarkerTracks, ParameterTracks, read_parquet, write_parquet
+from mocap_fit.tracks import MarkerTracks, ParameterTracks, PoseTracks, read_parquet, write_parquet
 
 SMALL = ["--size", "64", "--model", "rule-based"]
 
@@ -62,8 +63,6 @@ def labels(tmp_path):
 def tracks(tmp_path):
     values = np.zeros((20, 10))
     values[:, 0] = 0.5 - 0.5 * np.cos(np.arange(20))
-    from mocap_fit.phones import ARTICULATORY_PARAMETERS
-
     made = ParameterTracks(ARTICULATORY_PARAMETERS, 25, values, name="said")
     write_parquet(made, tmp_path / "said.parquet")
     return tmp_path / "said.parquet"
@@ -216,6 +215,37 @@ class TestLabelsAndTracks:
         assert (blue[:, 2] > blue[:, 0]).mean() > 0.6
         assert run(*call, "--out", tmp_path / "a") == 2
 
+    def test_a_head_lives_as_its_seed_says_but_not_where_it_was_measured(self, tmp_path):
+        segments = (PhoneSegment(0.0, 0.9, "sil"),)
+        write_labels(to_labels(PhoneSequence(segments)), tmp_path / "silence.TextGrid")
+        rest = ParameterTracks(ARTICULATORY_PARAMETERS, 25, np.zeros((20, 10)), name="rest")
+        write_parquet(rest, tmp_path / "rest.parquet")
+        nods = Rotation.from_rotvec(np.outer(np.linspace(-0.2, 0.2, 20), [1, 0, 0])).as_matrix()
+        pose = PoseTracks(("head",), 25, nods[:, None], np.zeros((20, 1, 3)))
+        write_parquet(pose, tmp_path / "pose.parquet")
+
+        def count_pictures(name, *call):
+            """Return how many of the pictures differ, and the pictures."""
+            small = ["--size", 64, "--rate", 10, "--out", tmp_path / name]
+            assert run("speak", *call, *small) == 0
+            pictures = [path.read_bytes() for path in sorted((tmp_path / name).iterdir())]
+            return len(set(pictures)), pictures
+
+        spoken = ["--labels", tmp_path / "silence.TextGrid", "--model", "rule-based"]
+        lively, first = count_pictures("lively", *spoken, "--seed", 5)
+        assert lively > 5
+        assert count_pictures("again", *spoken, "--seed", 5)[1] == first
+        assert count_pictures("other", *spoken, "--seed", 6)[1] != first
+        assert count_pictures("still", *spoken, "--still")[0] == 1
+        measured = ["--tracks", tmp_path / "rest.parquet"]
+        assert count_pictures("measured", *measured)[0] == 1
+        assert count_pictures("nodding", *measured, "--head", tmp_path / "pose.parquet")[0] > 5
+
+    def test_a_pose_that_is_none_is_refused(self, tmp_path, tracks, capsys):
+        call = ["speak", "--tracks", tracks, "--out", tmp_path / "a", "--head", tracks]
+        assert run(*call) == 1
+        assert "does not hold the pose of a head" in one_line(capsys)
+
     @pytest.mark.slow
     def test_two_models_of_a_kind_are_told_apart(self, tmp_path, labels, capsys):
         for name in ("one", "two"):
@@ -247,6 +277,8 @@ class TestLabelsAndTracks:
             (["hello", "--labels", "x", "--out", "a"], "by itself"),
             (["hello", "--audio", "x", "--out", "a"], "its own sound"),
             (["hello", "--view", "back", "--out", "a"], "--view"),
+            (["hello", "--head", "x", "--out", "a"], "--tracks"),
+            (["--tracks", "x", "--layout", "y", "--out", "a"], "go together"),
         ],
     )
     def test_wrong_calls(self, capsys, arguments, message):
