@@ -19,9 +19,8 @@ from mocap_fit.corpus import Corpus, Utterance, open_corpus
 from mocap_fit.drawing import save_figure
 from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.evaluation import GROUPS, Evaluation, LandmarkScores, figures
-from mocap_fit.evaluation.closure import CONTACT
-from mocap_fit.evaluation.landmarks import MEASURES
-from mocap_fit.evaluation.tables import LIP_COLUMNS, format_lips
+from mocap_fit.evaluation.landmarks import FITTED, MEASURES
+from mocap_fit.evaluation.tables import LIP_COLUMNS, format_lips, format_markdown
 
 LANDMARKS_EXPLAINED = (
     "Correlation of the predicted face with the markers themselves, over the frames that are not "
@@ -276,8 +275,37 @@ def write_evaluation(
             html_page.format_table(header, marked),
             *map(html_page.format_paragraph, result.notes),
         ]
+    write_text(out / "scores.md", format_scores(result, landmarks))
     write_text(out / "index.html", html_page.format_page(title, parts))
-    return [out / "index.html", *(out / name for name in (*tables, "evaluation.json")), *files]
+    first = ("index.html", *tables, "scores.md", "evaluation.json")
+    return [*(out / name for name in first), *files]
+
+
+def format_scores(result: Evaluation, landmarks: LandmarkScores | None = None) -> str:
+    """Return all averages as one table of Markdown.
+
+    Parameters
+    ----------
+    result
+        The scores.
+    landmarks
+        Correlations with the markers, which then take the place of those with the tracks.
+
+    Returns
+    -------
+    str
+        A row a model, the best first, and with landmarks one of the fitted tracks.
+    """
+    header, rows = result.to_rows(GROUPS[:1])
+    if landmarks is not None:
+        cells = {name: [error, *lips] for name, _, error, _, *lips in rows}
+        cells[FITTED] = ["0", *(format_lips(result.lips["target"]) if result.lips else [])]
+        header = ["model", *MEASURES, "mean", header[2], *header[4:]]
+        rows = []
+        for name, *each, low, high in landmarks.to_rows()[1]:
+            label = result.mark(name)
+            rows.append([label, *each[:-1], f"{each[-1]} [{low}, {high}]", *cells[label]])
+    return format_markdown(header, rows) + "\n"
 
 
 def format_sections(result: Evaluation, out: Path, pictures: Sequence[str]) -> list[str]:
@@ -320,7 +348,8 @@ def format_sections(result: Evaluation, out: Path, pictures: Sequence[str]) -> l
                 f"Lips closed: the part of the {lips.closed.count} bilabials whose largest gap, "
                 "along the lips from corner to corner, falls to 10 % of that of open vowels. "
                 f"Lip at teeth: the part of the {lips.contact.count} labiodentals whose lower lip "
-                f"comes within {CONTACT:g} mm of the upper teeth. Vowels open: the part of the "
+                "comes within 2 mm of the upper teeth, or as near as half of the measured ones "
+                "where those stay farther away. Vowels open: the part of the "
                 f"{lips.opened.count} open vowels that do not touch. Fastest: the largest speed of "
                 f"the gap. In brackets Wilson's 95 % interval. In the measured "
                 f"tracks: {target}."

@@ -6,7 +6,8 @@ its segment is at most a limit: `CLOSED` on a synthetic face; on measured speech
 the gap on open vowels, which is the median, over the vowels whose feature ``open`` is 0.7 or more,
 of the largest gap within the segment, on the target tracks. One limit serves the target and every
 model. An open vowel whose largest gap stays below the same limit touches, which is the opposite
-fault. On a labiodental the lower lip comes within `CONTACT` of the edge of the upper teeth.
+fault. On a labiodental the lower lip comes within `CONTACT` of the edge of the upper teeth; where
+the measured speaker seldom does, whose teeth no marker shows, as near as that speaker's median.
 """
 
 from __future__ import annotations
@@ -155,13 +156,26 @@ class LipGaps:
         gaps = [event.gap for event in self.open_vowels]
         return float(np.median(gaps)) if gaps else float("nan")
 
-    def score(self, limit: float) -> LipScores:
+    def compute_contact(self) -> float:
+        """Compute how near a lip is that is at the teeth, from those of a measured speaker.
+
+        Returns
+        -------
+        float
+            Millimetres: the median over labiodentals, and at least `CONTACT`.
+        """
+        distances = [event.gap for event in self.labiodentals]
+        return max(CONTACT, float(np.median(distances))) if distances else CONTACT
+
+    def score(self, limit: float, contact: float = CONTACT) -> LipScores:
         """Count the phones on which the lips do as they should.
 
         Parameters
         ----------
         limit
             The gap of lips that are closed, millimetres; NaN where it is not known.
+        contact
+            The distance of a lower lip that is at the teeth, millimetres.
 
         Returns
         -------
@@ -171,8 +185,8 @@ class LipGaps:
         known = bool(np.isfinite(limit))
         closed = [event.gap <= limit for event in self.bilabials if known]
         opened = [event.gap > limit for event in self.open_vowels if known]
-        contact = [event.gap <= CONTACT for event in self.labiodentals]
-        shares = [Share(sum(hits), len(hits)) for hits in (closed, contact, opened)]
+        touching = [event.gap <= contact for event in self.labiodentals]
+        shares = [Share(sum(hits), len(hits)) for hits in (closed, touching, opened)]
         return LipScores(shares[0], shares[1], shares[2], self.speed)
 
 
@@ -190,8 +204,9 @@ def measure_gaps(
     times
         ``(frames,)``, seconds, ascending and evenly spaced.
     phones
-        Phones of the utterance. A segment in which there is no frame has the nearest, at most half
-        a frame away. Segments without a frame that has a value do not count.
+        Phones of the utterance. A segment in which there is no frame has the nearest (both, if two
+        are as near), at most half a frame away. Segments without a frame that has a value do not
+        count.
     phone_set
         Their phone set.
 
@@ -216,11 +231,12 @@ def measure_gaps(
         else:
             continue
         first, last = np.searchsorted(times, [segment.start, segment.end])
+        chosen = slice(first, last)
         if first == last and len(times):
             apart = np.maximum(segment.start - times, times - segment.end)
-            first = int(apart.argmin())
-            last = first + int(apart[first] <= half)
-        inside = measured[first:last]
+            # Two that are as near as each other both count.
+            chosen = apart <= min(apart.min(), half) + 1e-6 * half
+        inside = measured[chosen]
         inside = inside[np.isfinite(inside)]
         if inside.size:
             gap = float(choose(inside))

@@ -467,8 +467,9 @@ def evaluate(
         samples = (counts @ sums.reshape(len(corpus), -1)).reshape(resamples, *sums.shape[1:])
     rmse_samples, correlation_samples = compute_scores(samples, ranges)
     joined = {name: concatenate_gaps(parts) for name, parts in gaps.items()}
-    limit = CLOSED_PART * joined["target"].compute_open_gap()
-    lips = {name: part.score(limit) for name, part in joined.items()}
+    target = joined["target"]
+    limits = CLOSED_PART * target.compute_open_gap(), target.compute_contact()
+    lips = {name: part.score(*limits) for name, part in joined.items()}
     return Evaluation(
         tuple(models),
         corpus.parameter_names,

@@ -94,6 +94,34 @@ def format_text(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(lines)
 
 
+def format_markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Format a table as Markdown, whose columns of shares have their unit in the header.
+
+    Parameters
+    ----------
+    header
+        Names of the columns.
+    rows
+        Cells.
+
+    Returns
+    -------
+    str
+        A line for the header, one that rules it off, and one a row.
+    """
+    columns = []
+    for name, *cells in zip(header, *rows, strict=True):
+        is_share = any(" % [" in cell for cell in cells)
+        columns.append(
+            [f"{name}, %", *(cell.replace(" % [", " [") for cell in cells)]
+            if is_share
+            else [name, *cells]
+        )
+    first, *others = zip(*columns, strict=True)
+    lines = (first, ["---"] * len(header), *others)
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
 def format_html(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Format a table as HTML.
 

@@ -41,19 +41,21 @@ _MOVING, _LONGEST_MOVING = 0.25, 0.015
 # Seconds after which a closure no longer limits the gap.
 _LONGEST_OPENING = 0.5
 _STEPS = 20
+# Of a frame: times that are nearer are the same.
+_ROUNDING = 1e-6
 # Millimetres: a limit counts as kept; a place counts as far inside its limits.
 _TOLERANCE, _MARGIN = 0.01, 0.05
 
 
 class Interval(NamedTuple):
-    """A time in which the lips are closed.
+    """Frames in which the lips are closed.
 
     Parameters
     ----------
     start
-        When they meet, seconds.
+        Time of the first frame, seconds.
     end
-        When they part, seconds.
+        Time of the last frame, seconds.
     """
 
     start: float
@@ -76,12 +78,16 @@ class Before(NamedTuple):
 
 
 def find_closures(
-    phones: Iterable[PhoneSegment], phone_set: PhoneSet, rate: float, start_time: float = 0.0
+    phones: Iterable[PhoneSegment],
+    phone_set: PhoneSet,
+    rate: float,
+    start_time: float = 0.0,
+    frames: int | None = None,
 ) -> tuple[Interval, ...]:
-    """Find the times in which the lips must be closed.
+    """Find the frames in which the lips must be closed.
 
-    Bilabials that touch are one closure. A closure in which there is no frame is moved to the
-    nearest frame, which is at most half a frame away.
+    Bilabials that touch are one closure. A bilabial without a frame closes in the nearest one, if
+    that is at most half a frame away.
 
     Parameters
     ----------
@@ -92,7 +98,9 @@ def find_closures(
     rate
         Rate of the frames, hertz.
     start_time
-        Time of a frame, seconds.
+        Time of the first frame, seconds; without a number of frames, of any of them.
+    frames
+        Number of frames; None where there are frames at all times.
 
     Returns
     -------
@@ -104,21 +112,32 @@ def find_closures(
     for segment in phones:
         if "bilabial_stop" not in phone_set.get_phone(segment).get_classes():
             continue
-        moving = min(_MOVING * (segment.end - segment.start), _LONGEST_MOVING)
+        start, end = ((time - start_time) * rate for time in (segment.start, segment.end))
+        closed = _find_frames(start, end, rate, frames)
+        if closed is None:
+            continue
+        closure = Interval(*(start_time + frame / rate for frame in closed))
         if segment.start - last < 1e-6:
-            closures[-1] = Interval(closures[-1].start, segment.end - moving)
+            closures[-1] = Interval(closures[-1].start, closure.end)
         else:
-            closures.append(Interval(segment.start + moving, segment.end - moving))
+            closures.append(closure)
         last = segment.end
-    return tuple(_move_to_frame(closure, rate, start_time) for closure in closures)
+    return tuple(closures)
 
 
-def _move_to_frame(closure: Interval, rate: float, start_time: float) -> Interval:
-    following = start_time + math.ceil((closure.start - start_time) * rate - 1e-9) / rate
-    # A frame inside is not late.
-    late, early = following - closure.end, closure.start - (following - 1 / rate)
-    shift = max(late, 0.0) if late <= early else -early
-    return Interval(closure.start + shift, closure.end + shift)
+def _find_frames(
+    start: float, end: float, rate: float, frames: int | None
+) -> tuple[int, int] | None:
+    """Return the first and the last frame of a bilabial; all but the rate is in frames."""
+    lowest, highest = (-math.inf, math.inf) if frames is None else (0, frames - 1)
+    moving = min(_MOVING * (end - start), _LONGEST_MOVING * rate)
+    first, last = math.ceil(start + moving - _ROUNDING), math.floor(end - moving + _ROUNDING)
+    if first <= last:
+        first, last = max(first, lowest), min(last, highest)
+        return (first, last) if first <= last else None
+    apart = {i: max(start - i, i - end) for i in (last, first) if lowest <= i <= highest}
+    nearest = min(apart, key=lambda i: apart[i], default=None)
+    return None if nearest is None or apart[nearest] > 0.5 + _ROUNDING else (nearest, nearest)
 
 
 def close_lips(

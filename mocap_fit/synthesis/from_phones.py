@@ -118,7 +118,8 @@ def synthesise(
     values = articulation * tracks.values
     if rig is not None:
         values = limit_to_bounds(values, rig, tracks.names)
-        closures = find_closures(mapped, chosen.phone_set_, tracks.rate, tracks.start_time)
+        grid = tracks.rate, tracks.start_time, tracks.frames
+        closures = find_closures(mapped, chosen.phone_set_, *grid)
         values = close_lips(values, tracks.times, closures, rig, tracks.names)
     about = {"articulation": articulation, "lips_closed": rig is not None}
     return tracks.replace(values=values).add_step("synthesise", about)

@@ -27,6 +27,13 @@ def test_lips_are_closed_up_to_the_limit_and_vowels_are_open_above_it():
     assert scores.contact == gaps.score(float("nan")).contact == Share(1, 2)
 
 
+def test_where_teeth_are_not_measured_the_speakers_median_is_at_the_teeth():
+    near, far = LipGaps((), events(1.0, 1.5, 5.0)), LipGaps((), events(3.0, 4.0, 5.0, 5.5))
+    assert (near.compute_contact(), far.compute_contact()) == (2.0, 4.5)
+    assert LipGaps().compute_contact() == 2.0
+    assert far.score(1.0, far.compute_contact()).contact == Share(2, 4)
+
+
 def test_shares_have_wilsons_interval():
     share = Share(8, 10)
     assert share.value == 0.8
@@ -145,3 +152,7 @@ def test_a_phone_between_two_frames_has_the_nearest_one(face):
     assert values_of(gaps.bilabials) == [expected[1]]
     far = measure_gaps(face, values[3:], times[3:], phones, PHONES)
     assert not far.bilabials
+    # Of two that are as near, either may be the closed one.
+    for shift, nearest in ((0.005, expected[:2].min()), (0.006, expected[0])):
+        between = measure_gaps(face, values, times + shift, phones, PHONES)
+        assert values_of(between.bilabials) == [nearest]

@@ -8,9 +8,12 @@ import typer
 
 from corpus_tools.cli import app as cli
 from corpus_tools.cli.arguments import parse_settings
+from corpus_tools.training.evaluate import format_scores, load_models
 from corpus_tools.training.train import split_training
 from mocap_fit import control
 from mocap_fit.corpus import Corpus, Utterance, open_corpus, save_corpus
+from mocap_fit.evaluation import GROUPS, LandmarkScores, evaluate
+from mocap_fit.evaluation.landmarks import FITTED
 from mocap_fit.phones import PhoneSegment, PhoneSequence
 from mocap_fit.tracks import ParameterTracks
 
@@ -70,12 +73,31 @@ def test_a_trained_model_is_there_and_beats_the_mean(corpus_folder, models, tmp_
     assert errors[phone_mean] < 0.3 * errors[mean]
     apart = pd.read_csv(out / "differences.csv").iloc[0]
     assert apart["low"] < apart["value"] < apart["high"]
+    header, ruled, best, _ = (out / "scores.md").read_text().splitlines()
+    assert best.split(" | ")[0] == f"| {phone_mean}"
+    assert {line.count("|") for line in (header, ruled, best)} == {5}
     page = (out / "index.html").read_text()
     assert page.count("<img") == page.count("data:image/png;base64")
     assert phone_mean in page
     for name in ("scores", "parameters", "trajectories"):
         assert (out / f"{name}.png").stat().st_size > 5000
         assert (out / f"{name}.svg").read_text().startswith("<?xml")
+
+
+def test_with_markers_the_table_has_those_of_the_fitted_tracks_too(corpus_folder, models):
+    loaded = load_models([models / "phone-mean.npz"])
+    scores = evaluate(open_corpus(corpus_folder).get_split("test"), loaded, resamples=10)
+    (name,) = loaded
+    numbers = np.array([[0.9] * 4, [0.5] * 4])
+    beside = LandmarkScores((FITTED, name), numbers, numbers[:, 0] - 0.1, numbers[:, 0], 6, 100)
+    header, _, first, second = format_scores(scores, beside).splitlines()
+    assert header.startswith("| model | lip opening | mouth width")
+    assert first.startswith(
+        "| fitted tracks | 0.900 | 0.900 | 0.900 | 0.900 | 0.900 [0.800, 0.900]"
+    )
+    error = scores.to_rows(GROUPS[:1])[1][0][2]
+    assert second.endswith(f" | 0.500 [0.400, 0.500] | {error} |")
+    assert {line.count("|") for line in (header, first, second)} == {8}
 
 
 def test_the_same_training_gives_the_same_bytes(corpus_folder, models, tmp_path):
