@@ -74,6 +74,39 @@ def has_lip_line(mesh: Mesh) -> bool:
     return mesh.regions.keys() >= _REGIONS or mesh.feature_points.keys() >= {UPPER_LIP, LOWER_LIP}
 
 
+def find_lip_contours(mesh: Mesh) -> tuple[IndexArray, IndexArray]:
+    """Find the vertices along which the inner lips meet.
+
+    Parameters
+    ----------
+    mesh
+        A face with the regions ``inner_lip_contour``, ``upper_lip`` and ``lower_lip``, or at least
+        with the feature points 2.2 and 2.3.
+
+    Returns
+    -------
+    upper, lower
+        Vertices of each lip, ``(points,)``, from the right to the left.
+
+    Raises
+    ------
+    ConfigurationError
+        If the mesh has neither.
+    """
+    regions = mesh.regions
+    if regions.keys() >= _REGIONS:
+        ring = regions["inner_lip_contour"]
+        upper, lower = (np.intersect1d(ring, regions[f"{side}_lip"]) for side in ("upper", "lower"))
+    else:
+        for name in (UPPER_LIP, LOWER_LIP):
+            mesh.get_feature_point(name)
+        upper, lower = (
+            np.array([mesh.feature_points[name] for name in names if name in mesh.feature_points])
+            for names in (_UPPER_POINTS, _LOWER_POINTS)
+        )
+    return upper[np.argsort(mesh.vertices[upper, 0])], lower[np.argsort(mesh.vertices[lower, 0])]
+
+
 def find_lip_line(mesh: Mesh) -> LipLine:
     """Find the line along which the inner lips meet.
 
@@ -97,18 +130,7 @@ def find_lip_line(mesh: Mesh) -> LipLine:
     ConfigurationError
         If the mesh has neither.
     """
-    regions = mesh.regions
-    if regions.keys() >= _REGIONS:
-        ring = regions["inner_lip_contour"]
-        upper, lower = (np.intersect1d(ring, regions[f"{side}_lip"]) for side in ("upper", "lower"))
-    else:
-        for name in (UPPER_LIP, LOWER_LIP):
-            mesh.get_feature_point(name)
-        upper, lower = (
-            np.array([mesh.feature_points[name] for name in names if name in mesh.feature_points])
-            for names in (_UPPER_POINTS, _LOWER_POINTS)
-        )
-    upper, lower = (side[np.argsort(mesh.vertices[side, 0])] for side in (upper, lower))
+    upper, lower = find_lip_contours(mesh)
     across = [mesh.vertices[side, 0] for side in (upper, lower)]
     start, end = max(x[0] for x in across), min(x[-1] for x in across)
     places = np.linspace(start, max(start, end), _SAMPLES if end > start else 1)

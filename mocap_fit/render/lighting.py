@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from mocap_fit.face.mesh import IndexArray, Mesh
+from mocap_fit.render.mouth_light import MouthLight
 from mocap_fit.tracks import FloatArray
 
 Single = NDArray[np.float32]
@@ -38,11 +39,6 @@ _HIGHLIGHTS = 2
 # The chin's shadow on the throat: how dark, and how far it reaches to the sides, down, back (mm).
 _SHADOW = 0.34
 _SHADOW_SIZE = np.array([44.0, 40.0, 60.0], dtype=np.float32)
-_INSIDE_PARTS = ("teeth_upper", "teeth_lower", "gums_upper", "gums_lower", "tongue")
-_INSIDE_REGIONS = ("mouth_bag_upper", "mouth_bag_lower", "mouth_floor", "mouth_roof")
-# Share of light that reaches even the back of a closed mouth; more on teeth, to be seen.
-_MIN_LIGHT = 0.2
-_MIN_LIGHT_ON_TEETH = 0.72
 
 
 class Lighting:
@@ -59,7 +55,7 @@ class Lighting:
         self._sum_around = _build_triangle_sums(mesh.triangles, len(mesh.vertices))
         self._albedo, self._specular, self._power = _read_materials(mesh)
         self._wrapped = np.flatnonzero(_find_skin(mesh))
-        self._mouth = _MouthInterior(mesh)
+        self._mouth = MouthLight(mesh)
         self._chin = mesh.feature_points.get("2.1")
         self._below = np.zeros(0, dtype=np.int64)
         if self._chin is not None:
@@ -101,7 +97,7 @@ class Lighting:
         shine = self._compute_highlights(
             positions, normals, facing, np.asarray(camera, dtype=np.float32)
         )
-        reaching = self._mouth.compute_light(vertices) * self._shade_throat(positions)
+        reaching = self._mouth.compute(vertices).astype(np.float32) * self._shade_throat(positions)
         seen = (self._albedo * light + shine[:, None]) * reaching[:, None]
         return np.asarray(np.clip(255.0 * seen + 0.5, 0.0, 255.0).astype(np.uint8))
 
@@ -142,39 +138,6 @@ class Lighting:
             strength = float(self._strengths[light].mean())
             shine[lit] += strength * self._specular[lit] * along[lit] ** self._power[lit]
         return shine
-
-
-class _MouthInterior:
-    """The light that reaches what is behind the lips."""
-
-    def __init__(self, mesh: Mesh) -> None:
-        self._count = len(mesh.vertices)
-        self._lips = tuple(mesh.feature_points.get(name) for name in ("2.2", "2.3"))
-        inside = [mesh.get_region(name) for name in _INSIDE_PARTS if mesh.has_region(name)]
-        inside += [mesh.get_region(name) for name in _INSIDE_REGIONS if mesh.has_region(name)]
-        self._inside = np.unique(np.concatenate(inside)) if inside else np.zeros(0, dtype=np.int64)
-        minimum = np.full(self._count, _MIN_LIGHT)
-        for name in ("teeth_upper", "teeth_lower"):
-            if mesh.has_region(name):
-                minimum[mesh.get_region(name)] = _MIN_LIGHT_ON_TEETH
-        self._minimum = minimum[self._inside]
-
-    def compute_light(self, vertices: FloatArray) -> Single:
-        """Return the share of light that reaches each vertex, ``(vertices,)``.
-
-        From behind a slit, the part of the outside that is visible grows with half the height of
-        the slit over the distance to its edge.
-        """
-        light = np.ones(self._count, dtype=np.float32)
-        upper, lower = self._lips
-        if upper is None or lower is None or not self._inside.size:
-            return light
-        opening = max(float(vertices[upper, 1] - vertices[lower, 1]), 0.0)
-        front = 0.5 * float(vertices[upper, 2] + vertices[lower, 2])
-        depth = np.maximum(front - vertices[self._inside, 2], 0.0)
-        visible = 0.62 * opening / np.sqrt((0.5 * opening) ** 2 + depth**2 + 1e-6)
-        light[self._inside] = self._minimum + (1.0 - self._minimum) * np.minimum(visible, 1.0)
-        return light
 
 
 def _build_triangle_sums(triangles: IndexArray, vertices: int) -> sparse.csr_array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mocap_fit.face.builtin import brows, eyes, landmarks, teeth
+from mocap_fit.face.builtin.gums import build_gums
 from mocap_fit.face.builtin.regions import find_skin_regions, paint_skin
 from mocap_fit.face.builtin.skin import build_skin
 from mocap_fit.face.builtin.surfaces import Piece, join_pieces
@@ -34,8 +35,8 @@ def build_head() -> Mesh:
         "skin": Piece(skin.vertices, skin.triangles, paint_skin(skin)),
         "teeth_upper": teeth.build_teeth(upper=True),
         "teeth_lower": teeth.build_teeth(upper=False),
-        "gums_upper": teeth.build_gums(upper=True),
-        "gums_lower": teeth.build_gums(upper=False),
+        "gums_upper": build_gums(upper=True),
+        "gums_lower": build_gums(upper=False),
         "tongue": build_tongue(),
         "eye_left": eye,
         "eye_right": eye.mirror(),

@@ -23,11 +23,25 @@ HALF_WIDTH = 24.5
 # The lips almost touch at rest: each contact line stands this far from the line between them.
 CONTACT_HALF_GAP = 0.04
 
+# From the line where the lips meet back to their inner surface, and from there to the teeth (mm).
+_LIP_THICKNESS, _BEHIND_THE_LIPS = 4.0, 2.0
 _ACROSS = np.array([-25.0, -20, -13, -5.2, 0, 5.2, 13, 20, 25])
 _UPPER_BORDER = np.array([0.0, 3.1, 6.3, 8.6, 7.3, 8.6, 6.3, 3.1, 0])
 _LOWER_BORDER = np.array([0.0, -3.9, -7.7, -9.8, -10.4, -9.8, -7.7, -3.9, 0])
 _CONTACT_ACROSS = np.array([-25.0, -16, -7, 0, 7, 16, 25])
 _CONTACT_LINE = np.array([-0.6, 0.35, 0.55, -0.35, 0.55, 0.35, -0.6])
+
+
+# Rings of the bag from the throat to the fold behind the lips: x and depth of the cheek, height and
+# depth of the middle above and below. Depths are behind the front teeth (mm).
+_WALLS = [
+    ((17.0, 68.0), (10.0, 66.0), (-16.0, 66.0)),
+    ((27.0, 60.0), (19.0, 54.0), (-23.0, 56.0)),
+    ((32.0, 47.0), (22.0, 36.0), (-24.0, 40.0)),
+    ((32.5, 32.0), (21.0, 18.0), (-22.0, 22.0)),
+    ((29.5, 19.0), (17.0, 4.0), (-19.0, 7.0)),
+    ((25.0, 11.5), (13.5, -1.2), (-15.5, 1.0)),
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +83,17 @@ def compute_contact_depth(x: FloatArray) -> FloatArray:
     return np.asarray(np.interp(np.abs(x), *_measure_contact_depths()))
 
 
+def compute_front_depth() -> float:
+    """Return the depth of the upper front teeth, which stand 2 mm behind the lips.
+
+    Returns
+    -------
+    float
+        z, millimetres.
+    """
+    return float(compute_contact_depth(np.zeros(1))[0]) - _LIP_THICKNESS - _BEHIND_THE_LIPS
+
+
 def build_mouth_rings() -> list[Ring]:
     """Build the left halves of all rings round the mouth.
 
@@ -108,23 +133,42 @@ def _build_inner_rings(
     contact: FloatArray, side: FloatArray, fullness: FloatArray, corner_share: FloatArray
 ) -> list[Ring]:
     x, y, z = contact.T
-    bag = [
-        (0.92, side * (9 * fullness + 1.0), 46 - 6 * corner_share),
-        (1.02, side * (13 * fullness + 1.0), 33 - 4 * corner_share),
-        (1.08, side * (15 * fullness + 1.0), 20 + 2 * corner_share),
-        (1.06, side * (12.5 * fullness + 0.6), 10.5 + 4 * corner_share),
-    ]
-    inner_lip = [
-        (1.01, side * 6.5 * fullness, 5.6 * (1 - 0.35 * corner_share) + 0.5),
+    # Within the corner the skin of the mouth reaches towards the middle: when the mouth opens, it
+    # is a fold that closes the corner.
+    fold = corner_share**6
+    rings = [Ring("bag", _trace_wall(side, fullness, corner_share, *row)) for row in _WALLS]
+    front = compute_front_depth()
+    against_teeth = front + _BEHIND_THE_LIPS - 0.0125 * x**2 - 1.8e-5 * x**4
+    back = np.maximum(against_teeth, z - _LIP_THICKNESS - 1.0)
+    for inwards, up, behind in (
+        (0.07, side * np.where(side > 0, 6.0, 6.5) * fullness, 1.0),
         # Both fall from where the lips meet: the upper lip hides the teeth behind it when the jaw
         # slides aside and the lips part a little.
-        (1.0, np.where(side > 0, -0.8, -1.7) * fullness, np.full_like(x, 2.7)),
-    ]
-    return [
-        Ring(kind, np.stack([x * width, y + up, z - behind], axis=1))
-        for kind, rings in (("bag", bag), ("inner_lip", inner_lip))
-        for width, up, behind in rings
-    ]
+        (0.035, np.where(side > 0, -0.6, -1.5) * fullness, 0.6),
+    ):
+        rings.append(
+            Ring(
+                "inner_lip",
+                np.stack([x * (1 - inwards * fold), y + up, z + (back - z) * behind], axis=1),
+            )
+        )
+    return rings
+
+
+def _trace_wall(
+    side: FloatArray,
+    fullness: FloatArray,
+    corner_share: FloatArray,
+    cheek: tuple[float, float],
+    above: tuple[float, float],
+    below: tuple[float, float],
+) -> FloatArray:
+    """Return a ring of the bag through the cheek (x, z), and the middle above and below (y, z)."""
+    upper = side > 0
+    y = np.where(upper, above[0], below[0]) * fullness**0.9
+    depth = compute_front_depth() - np.where(upper, above[1], below[1])
+    z = compute_front_depth() - cheek[1]
+    return np.stack([cheek[0] * corner_share**0.8, y, z + (depth - z) * fullness**2], axis=1)
 
 
 def _build_lip_rings(
