@@ -54,7 +54,7 @@ def load_face(
     >>> import mocap_fit as mf
     >>> face = mf.load_face()
     >>> face
-    ParkeRig(10 parameters, 11 transforms, 11223 vertices)
+    ParkeRig(10 parameters, 11 transforms, ... vertices)
     >>> face.parameter_names[:3]
     ('jaw_rotation', 'lip_rounding', 'upper_lip_retraction')
 

@@ -97,8 +97,9 @@ class Lighting:
         shine = self._compute_highlights(
             positions, normals, facing, np.asarray(camera, dtype=np.float32)
         )
-        reaching = self._mouth.compute(vertices).astype(np.float32) * self._shade_throat(positions)
-        seen = (self._albedo * light + shine[:, None]) * reaching[:, None]
+        reaching = self._mouth.compute(vertices).astype(np.float32)
+        reaching *= self._shade_throat(positions)[:, None]
+        seen = (self._albedo * light + shine[:, None]) * reaching
         return np.asarray(np.clip(255.0 * seen + 0.5, 0.0, 255.0).astype(np.uint8))
 
     def _compute_normals(self, positions: Single) -> Single:
@@ -160,11 +161,15 @@ def _read_materials(mesh: Mesh) -> tuple[Single, Single, Single]:
         power[members] = max(part.material.specular_power, 1.0)
     if mesh.colours is not None:
         colours[:] = mesh.colours
-    # Lips are moist.
-    for name in ("upper_lip", "lower_lip"):
+    # Lips are moist, and wet inside.
+    for name, strength, sharpness in (
+        ("upper_lip", 0.22, 24.0),
+        ("lower_lip", 0.22, 24.0),
+        ("wet_lip", 0.5, 45.0),
+    ):
         if name in mesh.regions:
-            specular[mesh.get_region(name)] = 0.22
-            power[mesh.get_region(name)] = 24.0
+            specular[mesh.get_region(name)] = strength
+            power[mesh.get_region(name)] = sharpness
     return colours, specular, power
 
 

@@ -10,9 +10,10 @@ from mocap_fit.tracks import FloatArray
 
 _PARTS = ("teeth_upper", "teeth_lower", "gums_upper", "gums_lower", "tongue")
 _REGIONS = ("mouth_bag_upper", "mouth_bag_lower", "mouth_floor", "mouth_roof")
-# Share of the light that there is even where the lips hide the outside; light that walls pass on
-# makes what is seen of the outside count for more than its size.
-_LEAST, _POWER = 0.06, 0.55
+# Red, green and blue light that walls pass on to where the lips hide the outside, and how the rest
+# grows with the part of the outside that is seen: walls make it count for more than its size.
+_LEAST = np.array([0.28, 0.19, 0.175])
+_GAIN, _POWER = 1.9, 0.62
 # Over this distance (mm) what is far from the middle sees the mouth's opening from the middle.
 _SIDEWAYS = 28.0
 
@@ -35,7 +36,7 @@ class MouthLight:
             self._upper, self._lower = find_lip_contours(mesh)
 
     def compute(self, vertices: FloatArray) -> FloatArray:
-        """Compute the share of light that reaches each vertex.
+        """Compute the light that reaches each vertex.
 
         What is behind the lips sees a part of the outside: the angles that the opening takes up and
         down, and from side to side, as shares of a half circle.
@@ -48,23 +49,36 @@ class MouthLight:
         Returns
         -------
         ndarray
-            ``(vertices,)``, 0 to 1.
+            Red, green and blue, ``(vertices, 3)``, 0 to 1.
         """
-        light = np.ones(self._count)
+        light = np.ones((self._count, 3))
         if not self._inside.size:
             return light
         upper, lower = vertices[self._upper], vertices[self._lower]
         x, y, z = vertices[self._inside].T
         right, left = upper[0, 0], upper[-1, 0]
+        top, bottom = _measure_opening(x, upper, lower)
+        # The opening leans back when the jaw is down.
+        share = np.clip((y - bottom[0]) / np.maximum(top[0] - bottom[0], 0.1), 0.0, 1.0)
+        depth = np.maximum(bottom[1] + share * (top[1] - bottom[1]) - z, 0.0)
         middle = 0.5 * (left + right)
-        front = np.interp(x, upper[:, 0], np.maximum(upper[:, 2], lower[:, 2]))
-        depth = np.maximum(front - z, 0.1)
         seen_at = middle + (x - middle) / (1 + depth / _SIDEWAYS)
-        top, bottom = (np.interp(seen_at, lip[:, 0], lip[:, 1]) for lip in (upper, lower))
-        height = np.arctan((np.maximum(top, bottom) - y) / depth) - np.arctan((bottom - y) / depth)
+        top, bottom = _measure_opening(seen_at, upper, lower)
+        away = np.maximum(depth, 0.1)
+        height = np.arctan((np.maximum(top[0], bottom[0]) - y) / away)
+        height -= np.arctan((bottom[0] - y) / away)
         width = np.pi
         if left > right:
-            width = np.arctan((left - x) / depth) - np.arctan((right - x) / depth)
-        visible = np.clip(height * width / np.pi**2, 0.0, 1.0) ** _POWER
-        light[self._inside] = np.where(front > z, _LEAST + (1 - _LEAST) * visible, 1.0)
+            width = np.arctan((left - x) / away) - np.arctan((right - x) / away)
+        seen = np.clip(_GAIN * height * width / np.pi**2, 0.0, 1.0) ** _POWER
+        seen = np.where(depth > 0, seen, 1.0)[:, None]
+        light[self._inside] = _LEAST + (1 - _LEAST) * seen
         return light
+
+
+def _measure_opening(x: FloatArray, upper: FloatArray, lower: FloatArray) -> list[FloatArray]:
+    """Return y and z of the upper and of the lower lip at positions across the mouth."""
+    return [
+        np.stack([np.interp(x, lip[:, 0], lip[:, axis]) for axis in (1, 2)])
+        for lip in (upper, lower)
+    ]

@@ -51,6 +51,7 @@ MIDDLE_REGIONS = {
     "forehead",
     "scalp",
     "neck",
+    "wet_lip",
     "inner_lip_contour",
     "outer_lip_contour",
 }
@@ -169,8 +170,10 @@ def test_skin_is_a_manifold_open_only_at_the_eyes_and_the_neck(head):
     assert (np.unique(triangles) == np.arange(len(vertices))).all(), "a vertex is unused"
 
 
-@pytest.mark.parametrize("name", ["teeth_upper", "teeth_lower", "tongue"])
-def test_teeth_and_tongue_are_closed_and_face_outwards(head, name):
+@pytest.mark.parametrize(
+    "name", ["teeth_upper", "teeth_lower", "gums_upper", "gums_lower", "tongue"]
+)
+def test_what_is_in_the_mouth_is_closed_and_face_outwards(head, name):
     vertices, triangles = part_surface(head, name)
     edges = directed_edges(triangles)
     assert {tuple(e) for e in edges.tolist()} == {tuple(e) for e in edges[:, ::-1].tolist()}

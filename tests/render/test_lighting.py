@@ -72,8 +72,27 @@ def test_light_comes_into_the_mouth_as_it_opens(rig, lighting):
             for part in ("tongue", "mouth_roof", "teeth_upper")
         ]
     assert seen[0.0] < seen[0.2] < seen[0.9]
-    # Teeth are never so dark that they could not be read.
-    assert seen[0.0][2] > 90
+    # Behind closed lips it is dark; a little opening is enough to read the teeth.
+    assert max(seen[0.0]) < 70
+    teeth = rig.mesh.get_region("teeth_upper")
+    front = teeth[rig.mesh.vertices[teeth, 2] > rig.mesh.vertices[teeth, 2].max() - 3]
+    edges = front[rig.mesh.vertices[front, 1] < 0]
+    vertices = rig.deform(to_parameters({"jaw_rotation": 0.2}, names))
+    assert lighting.compute_colours(vertices, CAMERA)[edges].mean() > 100
+
+
+def test_what_the_lips_hide_is_dark_and_what_is_before_them_is_not(rig, lighting):
+    """Light on teeth falls off behind the upper lip, towards the cheeks, and with depth."""
+    light = lighting._mouth.compute(rig.deform(to_parameters({"jaw_rotation": 0.5}, rig.parameter_names)))
+    assert ((light > 0) & (light <= 1)).all()
+    outside = np.setdiff1d(rig.mesh.get_region("skin"), lighting._mouth._inside)
+    assert (light[outside] == 1).all()
+    teeth = rig.mesh.get_region("teeth_upper")
+    x, y, z = rig.mesh.vertices[teeth].T
+    brightness = light[teeth].mean(axis=1)
+    incisors = (np.abs(x) < 8) & (z > z.max() - 2)
+    assert brightness[incisors & (y < 0)].min() > brightness[incisors & (y > 5)].max()
+    assert brightness[incisors & (y < 0)].mean() > 2 * brightness[z < z.max() - 30].mean()
 
 
 def test_a_mesh_without_names_is_lit_all_the_same():

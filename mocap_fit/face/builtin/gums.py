@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from mocap_fit.face.builtin.mouth import compute_front_depth, compute_shade
 from mocap_fit.face.builtin.surfaces import Piece, smoothstep, triangulate_fan
-from mocap_fit.face.builtin.teeth import Arch, compute_shade, measure_arch
+from mocap_fit.face.builtin.teeth import Arch, measure_arch
 from mocap_fit.face.mesh import IndexArray
 from mocap_fit.tracks import FloatArray
 
@@ -53,17 +54,17 @@ def build_gums(*, upper: bool) -> Piece:
     rows, columns = sheet.shape[:2]
     # The left half and its mirror image share the column and the row in the middle.
     left = np.arange(rows * columns).reshape(rows, columns)
-    own = np.ones((rows, columns), dtype=bool)
-    own[:, 0] = own[-1] = False
+    doubled = np.ones((rows, columns), dtype=bool)
+    doubled[:, 0] = doubled[-1] = False
     right = left.copy()
-    right[own] = rows * columns + np.arange(int(own.sum()))
+    right[doubled] = rows * columns + np.arange(int(doubled.sum()))
     points = sheet.reshape(-1, 3)
     points[left[:, 0], 0] = points[left[-1], 0] = 0.0
     colours = _colour_sheet(arch, sheet).reshape(-1, 3)
     front = points[:, 2].max()
     lid = np.array([[0.0, _LID[upper], front - 30.0]])
-    vertices = np.concatenate([points, points[own.ravel()] * [-1, 1, 1], lid])
-    colours = np.concatenate([colours, colours[own.ravel()], colours[:1]])
+    vertices = np.concatenate([points, points[doubled.ravel()] * [-1, 1, 1], lid])
+    colours = np.concatenate([colours, colours[doubled.ravel()], colours[:1]])
     grid = _triangulate_sheet(left)
     other = _triangulate_sheet(right)[:, ::-1]
     border = np.concatenate([left[0, ::-1], right[0, 1:], right[1:, -1], left[-2:0:-1, -1]])
@@ -126,7 +127,7 @@ def _list_columns(arch: Arch) -> tuple[FloatArray, FloatArray]:
 
 def _continue_ridge(arch: Arch, last: FloatArray) -> FloatArray:
     """Return the columns behind the last tooth, ``(rows, columns, 3)``: the ridge flattens."""
-    front = measure_arch(upper=True).locate(np.zeros(1))[0][0, 1]
+    front = compute_front_depth()
     columns = []
     width = last[:, 0] - last[:, 0].max()
     for step, (x, behind) in enumerate(_BEHIND):
@@ -140,7 +141,7 @@ def _continue_ridge(arch: Arch, last: FloatArray) -> FloatArray:
 def _trace_inside(arch: Arch, ridge: FloatArray) -> FloatArray:
     """Return the rows of palate or floor, ``(rows, columns, 3)``."""
     inner = ridge[-1]
-    front = measure_arch(upper=True).locate(np.zeros(1))[0][0, 1]
+    front = compute_front_depth()
     columns = np.linspace(0, 1, len(inner))
     behind = 10.0 + 51.0 * columns**1.25
     height = np.interp(behind, *_MIDDLE[arch.upper])

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from mocap_fit.face.builtin.flesh import locate_skin
-from mocap_fit.face.builtin.surfaces import compute_hill
+from mocap_fit.face.builtin.surfaces import compute_hill, smoothstep
 from mocap_fit.tracks import FloatArray
 
 HALF_RING = 21
@@ -35,13 +35,16 @@ _CONTACT_LINE = np.array([-0.6, 0.35, 0.55, -0.35, 0.55, 0.35, -0.6])
 # Rings of the bag from the throat to the fold behind the lips: x and depth of the cheek, height and
 # depth of the middle above and below. Depths are behind the front teeth (mm).
 _WALLS = [
-    ((17.0, 68.0), (10.0, 66.0), (-16.0, 66.0)),
-    ((27.0, 60.0), (19.0, 54.0), (-23.0, 56.0)),
-    ((32.0, 47.0), (22.0, 36.0), (-24.0, 40.0)),
-    ((32.5, 32.0), (21.0, 18.0), (-22.0, 22.0)),
-    ((29.5, 19.0), (17.0, 4.0), (-19.0, 7.0)),
-    ((25.0, 11.5), (13.5, -1.2), (-15.5, 1.0)),
+    ((16.0, 68.0), (10.0, 66.0), (-16.0, 66.0)),
+    ((25.0, 60.0), (19.0, 54.0), (-23.0, 56.0)),
+    ((30.5, 47.0), (22.0, 36.0), (-24.0, 40.0)),
+    ((29.8, 32.0), (21.0, 18.0), (-22.0, 22.0)),
+    ((27.0, 19.0), (17.0, 4.0), (-19.0, 7.0)),
+    ((23.8, 11.5), (13.5, -1.2), (-15.5, 1.0)),
 ]
+# Share of red, green and blue light that reaches the back of the mouth, and how deep it is (mm).
+_LIGHT_AT_THE_BACK = np.array([0.60, 0.53, 0.49])
+_LIT_DEPTH = 34.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +95,23 @@ def compute_front_depth() -> float:
         z, millimetres.
     """
     return float(compute_contact_depth(np.zeros(1))[0]) - _LIP_THICKNESS - _BEHIND_THE_LIPS
+
+
+def compute_shade(z: FloatArray) -> FloatArray:
+    """Return the share of light that comes to a depth of the mouth.
+
+    Parameters
+    ----------
+    z
+        Depths, ``(points,)``, millimetres.
+
+    Returns
+    -------
+    ndarray
+        Red, green and blue, ``(points, 3)``, 0 to 1.
+    """
+    shade = smoothstep((compute_front_depth() - z[:, None]) / _LIT_DEPTH)
+    return np.asarray(1 - shade * (1 - _LIGHT_AT_THE_BACK))
 
 
 def build_mouth_rings() -> list[Ring]:

@@ -39,11 +39,11 @@ _HAIRLINE = [
 
 _SKIN: Colour = (0.93, 0.76, 0.665)
 _LIP: Colour = (0.80, 0.50, 0.47)
-_INNER_LIP: Colour = (0.59, 0.26, 0.26)
-# The palate is paler than the floor of the mouth; the throat, at its end, is dark.
-_PALATE: Colour = (0.58, 0.27, 0.26)
-_FLOOR: Colour = (0.40, 0.15, 0.15)
-_THROAT: Colour = (0.20, 0.05, 0.06)
+# The wet inner rim of the lips, where they meet and behind.
+_WET_LIP: Colour = (0.70, 0.34, 0.33)
+_INNER_LIP: Colour = (0.64, 0.27, 0.27)
+_CHEEK: Colour = (0.66, 0.29, 0.28)
+_THROAT: Colour = (0.14, 0.04, 0.04)
 _NOSTRIL: Colour = (0.27, 0.12, 0.10)
 
 
@@ -82,7 +82,7 @@ def _find_mouth_regions(skin: Skin) -> dict[str, IndexArray]:
     """Find the lips, the bag behind them and the two contours; corners are upper and lower."""
     groups: dict[str, list[IndexArray]] = {}
     *rings, deepest = skin.mouth
-    for ring in rings:
+    for number, ring in enumerate(rings):
         kind = str(skin.kinds[ring[0]])
         stem = {"bag": "mouth_bag_{}", "skin": "{}_lip_skin"}.get(kind, "{}_lip")
         groups.setdefault(stem.format("lower"), []).append(ring[: mouth.CORNER + 1])
@@ -90,7 +90,10 @@ def _find_mouth_regions(skin: Skin) -> dict[str, IndexArray]:
         if kind == "bag":
             groups.setdefault("mouth_floor", []).append(ring[: mouth.CORNER - _BAG_SIDE])
             groups.setdefault("mouth_roof", []).append(ring[mouth.CORNER + _BAG_SIDE + 1 :])
+        if kind in ("inner_lip", "contact"):
+            groups.setdefault("wet_lip", []).append(ring)
         if kind == "contact":
+            groups["wet_lip"] += rings[number + 1 : number + 3]
             groups["inner_lip_contour"] = [ring]
         if kind == "border":
             groups["outer_lip_contour"] = [ring]
@@ -156,14 +159,14 @@ def paint_skin(skin: Skin) -> FloatArray:
     blend_colour(0.28 * compute_bump(x, y, (30, 63), (15, 9)) * front, (0.78, 0.52, 0.46))
     blend_colour(0.55 * _compute_hair(skin), (0.33, 0.25, 0.20))
     by_kind = {
-        "bag": _THROAT,
         "inner_lip": _INNER_LIP,
         "contact": _INNER_LIP,
         "vermilion": _LIP,
-        "border": tuple(0.45 * np.array(_LIP) + 0.55 * np.array(_SKIN)),
+        "border": tuple(0.25 * np.array(_LIP) + 0.75 * np.array(_SKIN)),
     }
     for kind, colour in by_kind.items():
         colours[skin.kinds == kind] = colour
+    _colour_lips(skin, colours)
     _colour_bag(skin, colours)
     for depth, ring in enumerate(skin.nostril[1:]):
         colours[_add_mirrored(skin, ring)] = np.array(_NOSTRIL) * (0.8, 0.45, 0.25)[depth]
@@ -171,14 +174,21 @@ def paint_skin(skin: Skin) -> FloatArray:
     return np.asarray(np.clip(colours, 0, 1))
 
 
+def _colour_lips(skin: Skin, colours: FloatArray) -> None:
+    """Colour the red of the lips: dry outside, wetter and darker towards where they meet."""
+    red = [ring for ring in skin.mouth if skin.kinds[ring[0]] == "vermilion"]
+    for ring, wet in zip(red, (1.0, 0.45, 0.12, 0.0), strict=True):
+        shade = np.array(_LIP) * (1 - wet) + np.array(_WET_LIP) * wet
+        colours[_add_mirrored(skin, ring)] = shade
+
+
 def _colour_bag(skin: Skin, colours: FloatArray) -> None:
-    """Colour the mouth's bag: palate above, floor below, both darker towards the throat."""
-    bags = [ring for ring in skin.mouth if len(ring) > 1 and skin.kinds[ring[0]] == "bag"]
-    for ring, dark in zip(bags, np.linspace(1, 0, len(bags)), strict=True):
-        upper = np.arange(len(ring))[:, None] > mouth.CORNER
-        shade = np.where(upper, _PALATE, _FLOOR) * (1 - dark) + np.array(_THROAT) * dark
-        colours[ring] = shade
-        colours[skin.mirror[ring]] = shade
+    """Colour the mouth's bag: cheeks in front, darker towards the throat."""
+    bag = np.flatnonzero(skin.kinds == "bag")
+    z = skin.vertices[bag, 2]
+    throat = smoothstep((z.min() + 36.0 - z) / 30.0)[:, None]
+    cheek = np.array(_CHEEK) * mouth.compute_shade(z)
+    colours[bag] = cheek * (1 - throat) + np.array(_THROAT) * throat
 
 
 def _compute_hair(skin: Skin) -> FloatArray:

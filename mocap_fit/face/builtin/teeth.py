@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from mocap_fit.face.builtin.mouth import compute_front_depth
+from mocap_fit.face.builtin.mouth import compute_front_depth, compute_shade
 from mocap_fit.face.builtin.surfaces import (
     Piece,
     compute_hill,
@@ -28,7 +28,7 @@ from mocap_fit.tracks import FloatArray
 # the crowns: from the middle, and behind the front of the upper incisors (mm).
 _UPPER_OUTLINE = [(4.3, 0.2), (11.3, 2.0), (17.6, 6.6), (21.9, 13.2), (24.9, 20.4)]
 _UPPER_OUTLINE += [(27.5, 29.5), (29.2, 39.6)]
-_LOWER_OUTLINE = [(2.7, 2.6), (8.2, 3.6), (13.9, 7.2), (18.8, 13.0), (22.4, 20.2)]
+_LOWER_OUTLINE = [(2.7, 4.0), (8.2, 5.0), (13.9, 8.5), (18.8, 13.7), (22.4, 20.5)]
 _LOWER_OUTLINE += [(25.4, 29.8), (27.4, 40.4)]
 # Widths along the arch, depths from cheek to tongue, heights of the crowns, height of the edges at
 # rest (mm).
@@ -39,16 +39,13 @@ _UPPER_EDGES = [-2.5, -1.9, -2.6, -1.7, -1.3, -1.0, -0.8]
 _LOWER_WIDTHS = [5.3, 5.8, 6.9, 7.1, 7.2, 11.0, 10.4]
 _LOWER_DEPTHS = [6.0, 6.3, 7.4, 7.7, 8.2, 10.4, 10.0]
 _LOWER_HEIGHTS = [8.8, 9.2, 10.4, 8.6, 8.0, 7.4, 7.0]
-_LOWER_EDGES = [-2.9, -2.9, -2.6, -3.0, -3.1, -3.1, -3.0]
+_LOWER_EDGES = [-2.9, -2.9, -2.6, -2.3, -2.3, -2.2, -2.1]
 _INCISOR, _CANINE, _PREMOLAR, _MOLAR = "incisor", "canine", "premolar", "molar"
 _KINDS = [_INCISOR, _INCISOR, _CANINE, _PREMOLAR, _PREMOLAR, _MOLAR, _MOLAR]
 
 _AROUND = 12
 _ENAMEL = np.array([0.90, 0.87, 0.79])
 _NECK = np.array([0.84, 0.76, 0.62])
-# The share of red, green and blue light that reaches the back teeth, and how deep those are, mm.
-LIGHT_AT_THE_BACK = np.array([0.50, 0.44, 0.40])
-LIT_DEPTH = 34.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,23 +179,6 @@ def build_teeth(*, upper: bool) -> Piece:
     return Piece(row.vertices, row.triangles, row.colours * compute_shade(row.vertices[:, 2]))
 
 
-def compute_shade(z: FloatArray) -> FloatArray:
-    """Return the share of light that comes to a depth of the mouth.
-
-    Parameters
-    ----------
-    z
-        Depths, ``(points,)``, millimetres.
-
-    Returns
-    -------
-    ndarray
-        Red, green and blue, ``(points, 3)``, 0 to 1.
-    """
-    shade = smoothstep((compute_front_depth() - z[:, None]) / LIT_DEPTH)
-    return np.asarray(1 - shade * (1 - LIGHT_AT_THE_BACK))
-
-
 def _trace_section(
     half_width: FloatArray, outer: FloatArray, inner: FloatArray, square: float
 ) -> tuple[FloatArray, FloatArray]:
@@ -231,13 +211,13 @@ def _build_front_crown(
     side = 2 * across / width
     if kind == _CANINE:
         lower = 2.0 * np.abs(side) ** 1.2
-        out += 0.5 * (1 - side**2)
+        out += 0.3 * (1 - side**2)
     else:
         lower = 0.15 * side**2 + 0.55 * np.maximum(side, 0) ** 5 + 0.25 * np.maximum(-side, 0) ** 5
     down = down[:, None] * height + lower * (1 - np.clip(down / 0.8, 0, 1))[:, None]
     # The crown of an incisor stands obliquely: its neck is farther back.
-    out -= 0.10 * down
-    return _close_crown(across, out, down)
+    out += 0.45 - 0.10 * down
+    return _close_crown(across, out, down, 0.0)
 
 
 def _build_back_crown(
@@ -262,11 +242,12 @@ def _build_back_crown(
 
 
 def _close_crown(
-    across: FloatArray, out: FloatArray, down: FloatArray
+    across: FloatArray, out: FloatArray, down: FloatArray, tip: float = np.inf
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return all points of a crown: its rings, the middle of its top, the middle of its neck."""
     top, neck = (np.stack([across, out, down])[:, ring].mean(axis=1) for ring in (0, -1))
     points = np.stack([across.ravel(), out.ravel(), down.ravel()])
+    top[2] = min(top[2], tip)
     return tuple(np.concatenate([points, top[:, None], neck[:, None]], axis=1))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from mocap_fit.face.builtin.mouth import compute_front_depth
 from mocap_fit.face.builtin.surfaces import (
     Colour,
     Piece,
@@ -14,7 +15,6 @@ from mocap_fit.face.builtin.surfaces import (
     triangulate_fan,
     triangulate_strip,
 )
-from mocap_fit.face.builtin.teeth import compute_front_depth
 from mocap_fit.tracks import FloatArray
 
 TONGUE_ROWS = 24
@@ -23,7 +23,7 @@ TONGUE_COLUMNS = 20
 _TONGUE: Colour = (0.82, 0.45, 0.44)
 _DARK_BELOW = 0.8
 # How far the tip is behind the upper front teeth, and the root behind the tip, mm.
-_TIP_BEHIND = 10.0
+_TIP_BEHIND = 12.0
 _LENGTH = 58.0
 # Position along the tongue, 0 tip to 1 root; there the heights of its back, its borders and its
 # underside, and its half width, mm.
