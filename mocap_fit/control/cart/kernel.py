@@ -270,7 +270,7 @@ def _find_cut(levels, table, rules, start, end, is_root, totals, rows, work):
             gain, cut = _try_cuts(
                 count, present, least, best, totals, by_level, by_fold, node, left, right
             )
-        if gain > best + totals.same or cut >= 0:
+        if gain > best + totals.same:
             best, best_question = gain, question
             _mark_sides(count, cut, members, present, side)
     return best, best_question
