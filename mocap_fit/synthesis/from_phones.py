@@ -69,8 +69,8 @@ def synthesise(
         Whether phones of another language, and sounds that the model's set lacks, are replaced by
         the nearest that it has; otherwise they are an error.
     face
-        A face whose lips then close on every bilabial and open no faster than lips do, whatever
-        the model says (`mocap_fit.synthesis.closures`). By default the movement is the model's,
+        A face whose lips then close on every bilabial and open at a limited speed, whatever the
+        model says (`mocap_fit.synthesis.closures`). By default the movement is the model's,
         as the papers evaluate it.
     articulation
         Factor of the movements about rest, no unit: above 1 is clearer than usual speech.
