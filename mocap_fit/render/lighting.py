@@ -8,6 +8,8 @@ the inside of the mouth can be as dark as its opening leaves it.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
@@ -97,10 +99,47 @@ class Lighting:
         shine = self._compute_highlights(
             positions, normals, facing, np.asarray(camera, dtype=np.float32)
         )
-        reaching = self._mouth.compute(vertices).astype(np.float32)
-        reaching *= self._shade_throat(positions)[:, None]
-        seen = (self._albedo * light + shine[:, None]) * reaching
+        seen = (self._albedo * light + shine[:, None]) * self.compute_reaching(vertices)
         return np.asarray(np.clip(255.0 * seen + 0.5, 0.0, 255.0).astype(np.uint8))
+
+    def compute_reaching(self, vertices: FloatArray) -> Single:
+        """Compute the share of light that reaches each vertex, into the mouth and below the chin.
+
+        Parameters
+        ----------
+        vertices
+            The mesh in some shape, ``(vertices, 3)``, millimetres.
+
+        Returns
+        -------
+        ndarray
+            Red, green and blue, ``(vertices, 3)``, 0 to 1.
+        """
+        reaching = self._mouth.compute(vertices).astype(np.float32)
+        return reaching * self._shade_throat(vertices.astype(np.float32))[:, None]
+
+    def describe(self) -> dict[str, Any]:
+        """Return what the light is made of, for programs that compute it themselves.
+
+        Returns
+        -------
+        dict[str, Any]
+            ``albedo`` ``(vertices, 3)``, 0 to 255, ``specular`` (0 to 255) and ``power`` of every
+            vertex, the indices of ``skin``, directions and strengths of the lights, and the
+            constants of this module.
+        """
+        return {
+            "albedo": np.rint(255 * self._albedo).astype(np.uint8),
+            "specular": np.rint(255 * self._specular).astype(np.uint8),
+            "power": np.rint(self._power).clip(1, 255).astype(np.uint8),
+            "skin": self._wrapped.astype(np.int32),
+            "directions": self._directions.tolist(),
+            "strengths": self._strengths.tolist(),
+            "highlights": _HIGHLIGHTS,
+            "above": _FROM_ABOVE.tolist(),
+            "below": _FROM_BELOW.tolist(),
+            "wrap": _WRAP.tolist(),
+        }
 
     def _compute_normals(self, positions: Single) -> Single:
         corners = positions[self._triangles]

@@ -120,7 +120,7 @@ class FaceScene:
         plotter.render_window.SetFrameBlitModeToNoBlit()
         self._plotter = plotter
         self._lighting = Lighting(mesh)
-        self._face = _Surface(plotter, mesh.vertices, _list_outside_triangles(mesh))
+        self._face = _Surface(plotter, mesh.vertices, list_outside_triangles(mesh))
         self._balls = _Balls(plotter, marker_radius)
         camera = frame_face(mesh, view, zoom, centre)
         plotter.camera.focal_point, plotter.camera.position = camera.target, camera.position
@@ -376,11 +376,21 @@ def _reduce_by_half(pixels: NDArray[np.uint32]) -> NDArray[np.uint32]:
     return np.asarray((left | right) - (((left ^ right) & 0xFEFEFEFE) >> 1))
 
 
-def _list_outside_triangles(mesh: Mesh) -> IndexArray:
-    """Return the triangles, and those of open sheets once more with the other side in front.
+def list_outside_triangles(mesh: Mesh) -> IndexArray:
+    """List the triangles, and those of open sheets once more with the other side in front.
 
     Triangles that face away from the camera are not drawn, which saves a third of the time. That
     is right for closed surfaces, or nearly closed ones, whose normals point out.
+
+    Parameters
+    ----------
+    mesh
+        The face.
+
+    Returns
+    -------
+    ndarray
+        Vertex indices, ``(triangles, 3)``: first all triangles of the mesh.
     """
     triangles = [mesh.triangles]
     for part in mesh.parts:

@@ -7,7 +7,7 @@ from mocap_fit.face import load_face
 from mocap_fit.face.mesh import Material, Mesh, Part
 from mocap_fit.face.rig import to_parameters
 from mocap_fit.render.lighting import Lighting
-from mocap_fit.render.scene import _is_closed, _list_outside_triangles, _reduce_by_half
+from mocap_fit.render.scene import _is_closed, _reduce_by_half, list_outside_triangles
 
 CAMERA = np.array([0.0, 0.0, 900.0])
 
@@ -108,7 +108,7 @@ def test_only_what_is_closed_with_its_outside_out_loses_its_back(rig):
     assert not _is_closed(mesh.vertices, mesh.triangles[:, ::-1])
     half = mesh.triangles[: len(mesh.triangles) // 2]
     assert not _is_closed(mesh.vertices, half[:, ::-1])
-    assert len(_list_outside_triangles(mesh)) == len(mesh.triangles)
+    assert len(list_outside_triangles(mesh)) == len(mesh.triangles)
     skin = rig.mesh.get_part("skin").triangles
     assert _is_closed(rig.mesh.vertices, rig.mesh.triangles[skin.start : skin.stop])
     lashes = rig.mesh.get_part("lashes_left").triangles

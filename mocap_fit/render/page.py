@@ -1,0 +1,364 @@
+"""A talking head as one web page, with sound, curves and labels: no network, no server.
+
+The page is one file. The head is drawn in it by WebGL 2, from main shapes in 16 bits and a weight
+for each in every frame; the light is that of the movie. Arrays are compressed and written as text
+(base64) into one JSON record, which the scripts in ``page_files`` unpack.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import json
+import os
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mocap_fit.atomic_file import write_text
+from mocap_fit.drawing import CYCLE
+from mocap_fit.errors import DataError, FileFormatError
+from mocap_fit.face.mesh import Mesh
+from mocap_fit.face.rig import Rig
+from mocap_fit.phones import PhoneSequence
+from mocap_fit.render.lighting import Lighting
+from mocap_fit.render.liveliness import LivelyFace, draw_liveliness
+from mocap_fit.render.main_shapes import MainShapes, Quantised, compute_main_shapes, quantise
+from mocap_fit.render.movie import MAX_DURATION
+from mocap_fit.render.movie_file import cut_sound
+from mocap_fit.render.running_strip import select_moving
+from mocap_fit.render.sampling import sample_parameters
+from mocap_fit.render.scene import list_outside_triangles
+from mocap_fit.render.talking import deform_face, find_middle
+from mocap_fit.sound import Sound, resample
+from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks
+
+# Frames a second that the head is drawn for at most, and curves that are shown at first.
+_MAX_RATE = 60.0
+_CURVES = 6
+# Rates that browsers play, and the step of the waveform, seconds.
+_SOUND_RATES = (8000.0, 48000.0)
+_WAVEFORM_STEP = 0.002
+_SCRIPTS = ("unpack.js", "head.js", "strip.js", "page.js")
+# Codes in 16 bits: the largest negative number is a gap.
+_GAP = -32768
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Something that is marked in time, such as a finding.
+
+    Parameters
+    ----------
+    text
+        What it is.
+    start
+        Start, seconds.
+    end
+        End, seconds; that of the start where it is a moment.
+    severity
+        ``error``, ``warning`` or ``note``.
+    """
+
+    text: str
+    start: float
+    end: float
+    severity: str = "note"
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page that has been written.
+
+    Parameters
+    ----------
+    path
+        The file.
+    size
+        Its size, bytes.
+    duration
+        How long it plays, seconds.
+    rate
+        Frames a second, hertz.
+    frames
+        Number of frames.
+    shapes
+        Number of shapes that the heads are blended of.
+    largest_error
+        What the distance of any vertex from the rig is at most in any frame, millimetres.
+    with_sound
+        Whether it has sound.
+    """
+
+    path: Path
+    size: int
+    duration: float
+    rate: float
+    frames: int
+    shapes: int
+    largest_error: float
+    with_sound: bool
+
+
+def write_page(
+    path: str | os.PathLike[str],
+    rig: Rig | None,
+    heads: Mapping[str, ParameterTracks],
+    *,
+    title: str = "",
+    notes: Sequence[str] = (),
+    sound: Sound | None = None,
+    phones: PhoneSequence | None = None,
+    markers: Mapping[str, MarkerTracks] | None = None,
+    marks: Sequence[Mark] = (),
+    extent: tuple[float, float] | None = None,
+    blinks: bool = False,
+    head_motion: bool = False,
+    seed: int = 0,
+    progress: Callable[[int, int], object] | None = None,
+) -> Page:
+    """Write a page on which a face moves as tracks say, with all that belongs to them.
+
+    Parameters
+    ----------
+    path
+        A name in ``.html``; an existing file is replaced.
+    rig
+        The face of all heads; None where only markers are shown.
+    heads
+        Face parameters by their labels, such as ``measured`` and the names of models; where there
+        are none the face is at rest.
+    title
+        Title of the page.
+    notes
+        Lines below the title.
+    sound
+        Sound on the clock of the tracks: it begins at 0 s.
+    phones
+        The phones of what is said.
+    markers
+        Markers in the coordinates of the face by their labels, such as ``measured`` and
+        ``virtual``; those of one name are joined by a line between the first two.
+    marks
+        What is marked in time.
+    extent
+        Start and end of the page, seconds; by default all of tracks, markers and sound.
+    blinks
+        Whether blinks are added, drawn at random from the seed.
+    head_motion
+        Whether head motion is added, drawn at random from the seed.
+    seed
+        Another seed draws other blinks and head motion.
+    progress
+        Called after each frame of each head with the number that are done and the number of all.
+
+    Returns
+    -------
+    Page
+        The page that was written.
+
+    Raises
+    ------
+    ConfigurationError
+        If the face cannot blink.
+    DataError
+        If a track does not belong to the face, the page would last longer than an hour, or there
+        is nothing to show.
+    FileFormatError
+        If the name does not end in ``.html``, or the file cannot be written.
+    """
+    if Path(path).suffix.lower() != ".html":
+        raise FileFormatError("pages are written as HTML", path=path, expected="a name in .html")
+    points = dict(markers or {})
+    if rig is None and not points:
+        raise DataError("there is neither a face nor a marker to show")
+    start, end = _find_extent([*heads.values(), *points.values()], sound, extent)
+    tracks = [*heads.values(), *points.values()]
+    rate = min(max((each.rate for each in tracks), default=_MAX_RATE), _MAX_RATE)
+    # Frames of the page are those of the first track where they have one rate.
+    first = start
+    if tracks:
+        first += (tracks[0].start_time - start) % (1.0 / rate)
+    count = max(int((end - first) * rate + 1e-6) + (end == start), 1)
+    times: FloatArray = first + np.arange(count, dtype=np.float64) / rate
+    if sound is not None:
+        sound = cut_sound(sound, start, max(end, start + 1.0 / rate))
+    record: dict[str, Any] = {
+        "title": title or "Talking head",
+        "notes": list(notes),
+        "start": start,
+        "end": end,
+        "first": first,
+        "rate": rate,
+        "frames": count,
+        "colours": CYCLE,
+        "curves": list(select_moving(list(heads.values()), _CURVES)),
+        "phones": [[p.start, p.end, p.phone, p.word] for p in phones or ()],
+        "marks": [vars(mark) for mark in marks],
+        "tracks": [_to_track(label, head) for label, head in heads.items()],
+        "markers": [_to_markers(label, each, times) for label, each in points.items()],
+        "sound": None if sound is None else _to_sound(sound),
+    }
+    shapes = None
+    if rig is not None:
+        values = [sample_parameters(head, times, rig) for head in heads.values()]
+        values = values or [np.zeros((count, len(rig.parameter_names)))]
+        life = draw_liveliness(times, blinks=blinks, head_motion=head_motion, seed=seed)
+        lively = LivelyFace(rig.mesh, blinks=blinks)
+        done, total = 0, count * len(values)
+
+        def advance() -> None:
+            nonlocal done
+            done += 1
+            if progress is not None:
+                progress(done, total)
+
+        def get_vertices(number: int) -> FloatArray:
+            head, frame = divmod(number, count)
+            return deform_face(rig, lively, values[head][frame], life, frame)
+
+        shapes = compute_main_shapes(get_vertices, total, progress=advance)
+        record["mesh"] = _to_mesh(rig, shapes)
+    write_text(path, _format_page(record), "page")
+    return Page(
+        Path(path),
+        Path(path).stat().st_size,
+        end - start,
+        rate,
+        count,
+        0 if shapes is None else len(shapes.shapes.steps),
+        0.0 if shapes is None else shapes.largest_error,
+        sound is not None,
+    )
+
+
+def _find_extent(
+    tracks: Sequence[ParameterTracks | MarkerTracks],
+    sound: Sound | None,
+    extent: tuple[float, float] | None,
+) -> tuple[float, float]:
+    starts = [each.start_time for each in tracks]
+    ends = [each.start_time + each.duration for each in tracks]
+    if sound is not None:
+        starts, ends = [0.0], [*ends, sound.duration]
+    start, end = extent or (min(starts, default=0.0), max(ends, default=0.0))
+    if end - start > MAX_DURATION:
+        raise DataError(
+            "the page would last longer than an hour",
+            found=f"{end - start:.0f} s",
+            advice="Check the start times, or take a part of the tracks (between).",
+        )
+    return start, end
+
+
+def _pack(values: Any, kind: str, scale: float | None = None) -> dict[str, Any]:
+    """Return an array as JSON has it: little-endian, compressed, as text."""
+    array = np.ascontiguousarray(values, dtype=np.dtype(kind).newbyteorder("<"))
+    packed = base64.b64encode(zlib.compress(array.tobytes(), 9)).decode()
+    return {"packed": packed, "kind": kind, "shape": array.shape, "scale": scale}
+
+
+def _pack_quantised(values: Quantised) -> dict[str, Any]:
+    return _pack(values.steps, "int16", values.scale)
+
+
+def _to_track(label: str, tracks: ParameterTracks) -> dict[str, Any]:
+    deviations = tracks.standard_deviations
+    return {
+        "label": label,
+        "names": tracks.names,
+        "rate": tracks.rate,
+        "start": tracks.start_time,
+        "values": _pack(tracks.values, "float32"),
+        "deviations": _pack(deviations, "float32") if np.isfinite(deviations).any() else None,
+        "residuals": (
+            _pack(tracks.residuals, "float32") if np.isfinite(tracks.residuals).any() else None
+        ),
+    }
+
+
+def _to_markers(label: str, markers: MarkerTracks, times: FloatArray) -> dict[str, Any]:
+    positions = np.asarray(markers.at(times))
+    missing = np.isnan(positions)
+    rounded = quantise(np.where(missing, 0.0, positions))
+    steps = np.where(missing, _GAP, rounded.steps).astype(np.int16)
+    return {
+        "label": label,
+        "names": markers.names,
+        "positions": _pack(steps, "int16", rounded.scale),
+    }
+
+
+def _to_sound(sound: Sound) -> dict[str, Any]:
+    """Return the sound as FLAC, which all browsers play, and its waveform."""
+    import soundfile
+
+    samples, rate = sound.samples.mean(axis=1), sound.rate
+    chosen = min(max(round(rate), _SOUND_RATES[0]), _SOUND_RATES[1])
+    if chosen != rate:
+        samples = resample(samples[:, None], rate, chosen)[:, 0]
+    file = io.BytesIO()
+    soundfile.write(file, np.clip(samples, -1.0, 1.0), int(chosen), "PCM_16", format="FLAC")
+    step = max(round(_WAVEFORM_STEP * chosen), 1)
+    padded = np.pad(samples, (0, -len(samples) % step)).reshape(-1, step)
+    peaks = np.stack([padded.min(axis=1), padded.max(axis=1)], axis=1)
+    largest = float(np.abs(peaks).max(initial=0.0)) or 1.0
+    return {
+        "type": "audio/flac",
+        "content": base64.b64encode(file.getvalue()).decode(),
+        "step": step / chosen,
+        "peaks": _pack(np.rint(127 * peaks / largest), "int8"),
+    }
+
+
+def _to_mesh(rig: Rig, shapes: MainShapes) -> dict[str, Any]:
+    mesh: Mesh = rig.mesh
+    light = Lighting(mesh).describe()
+    arrays = {
+        name: _pack(values, str(values.dtype)) if isinstance(values, np.ndarray) else values
+        for name, values in light.items()
+    }
+    triangles = list_outside_triangles(mesh)
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    return {
+        "light": arrays,
+        # Those that are doubled, with the other side in front, come last.
+        "surface": len(mesh.triangles),
+        "triangles": _pack(triangles, "uint16" if len(mesh.vertices) < 65536 else "uint32"),
+        "centre": find_middle(rig).tolist(),
+        "height": float(high[1] - low[1]),
+        "width": float(high[0] - low[0]),
+        "middle": _pack_quantised(shapes.middle),
+        "shapes": _pack_quantised(shapes.shapes),
+        "weights": _pack(shapes.weights, "float32"),
+        "largest_error": shapes.largest_error,
+    }
+
+
+def _format_page(record: Mapping[str, Any]) -> str:
+    folder = resources.files(__package__).joinpath("page_files")
+
+    def read(name: str) -> str:
+        return folder.joinpath(name).read_text("utf-8")
+
+    # No text of a label can end the script.
+    data = json.dumps(record, separators=(",", ":")).replace("<", "\\u003c")
+    parts = {
+        "TITLE": html.escape(str(record["title"])),
+        "STYLE": read("page.css"),
+        "SCRIPT": "\n".join(read(name) for name in _SCRIPTS),
+        "DATA": data,
+    }
+    page = read("page.html")
+    before, *rest = page.split("{{")
+    pieces = [before]
+    for piece in rest:
+        name, _, after = piece.partition("}}")
+        pieces += [parts[name], after]
+    return "".join(pieces)

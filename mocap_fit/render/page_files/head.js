@@ -1,0 +1,397 @@
+// The head: shapes and weights to vertices, light on them, WebGL 2, the camera.
+
+class Face {
+  constructor(mesh) {
+    this.mesh = mesh;
+    const middle = mesh.middle, shapes = mesh.shapes;
+    this.count = middle.shape[0];
+    this.shapeCount = shapes.shape[0];
+    this.rest = Float32Array.from(middle, (step) => step * middle.scale);
+    // Most of a head never moves: of each shape only the part between its first and last number.
+    this.parts = [];
+    for (let k = 0; k < this.shapeCount; k++) {
+      const part = shapes.subarray(3 * this.count * k, 3 * this.count * (k + 1));
+      let first = 0, last = part.length;
+      while (first < last && part[first] === 0) first++;
+      while (last > first && part[last - 1] === 0) last--;
+      this.parts.push([first, part.subarray(first, last)]);
+    }
+    this.vertices = new Float32Array(3 * this.count);
+    this.normals = new Float32Array(3 * this.count);
+    this.reach = new Float32Array(this.count);
+    this.weights = new Float32Array(this.shapeCount);
+  }
+
+  // Move the vertices to a frame of a head; a number between two frames is between them.
+  pose(head, frame, frames) {
+    const low = Math.min(Math.max(Math.floor(frame), 0), frames - 1);
+    const high = Math.min(low + 1, frames - 1);
+    const share = Math.min(Math.max(frame - low, 0), 1);
+    const all = this.mesh.weights, size = this.shapeCount;
+    const a = (head * frames + low) * size, b = (head * frames + high) * size;
+    const vertices = this.vertices;
+    vertices.set(this.rest);
+    for (let k = 0; k < size; k++) {
+      const weight = ((1 - share) * all[a + k] + share * all[b + k]) * this.mesh.shapes.scale;
+      const [first, part] = this.parts[k];
+      for (let i = 0; i < part.length; i++) vertices[first + i] += weight * part[i];
+    }
+    return vertices;
+  }
+
+  shade() {
+    this.computeNormals();
+    this.reach.fill(1);
+    this.lightMouth();
+    this.shadeThroat();
+  }
+
+  computeNormals() {
+    const { vertices: p, normals: n } = this, triangles = this.mesh.triangles;
+    n.fill(0);
+    for (let t = 0, end = 3 * this.mesh.surface; t < end; t += 3) {
+      const a = 3 * triangles[t], b = 3 * triangles[t + 1], c = 3 * triangles[t + 2];
+      const ux = p[b] - p[a], uy = p[b + 1] - p[a + 1], uz = p[b + 2] - p[a + 2];
+      const vx = p[c] - p[a], vy = p[c + 1] - p[a + 1], vz = p[c + 2] - p[a + 2];
+      const x = uy * vz - uz * vy, y = uz * vx - ux * vz, z = ux * vy - uy * vx;
+      n[a] += x; n[a + 1] += y; n[a + 2] += z;
+      n[b] += x; n[b + 1] += y; n[b + 2] += z;
+      n[c] += x; n[c + 1] += y; n[c + 2] += z;
+    }
+  }
+
+  // From behind a slit, the part of the outside that is visible (as the movie has it).
+  lightMouth() {
+    const { inside, minimum, lips: [upper, lower] } = this.mesh.light, p = this.vertices;
+    if (upper === null || lower === null) return;
+    const opening = Math.max(p[3 * upper + 1] - p[3 * lower + 1], 0);
+    const front = 0.5 * (p[3 * upper + 2] + p[3 * lower + 2]);
+    for (let i = 0; i < inside.length; i++) {
+      const depth = Math.max(front - p[3 * inside[i] + 2], 0);
+      const visible = 0.62 * opening / Math.sqrt(0.25 * opening * opening + depth * depth + 1e-6);
+      this.reach[inside[i]] = minimum[i] + (1 - minimum[i]) * Math.min(visible, 1);
+    }
+  }
+
+  shadeThroat() {
+    const { chin, below, shadow, shadow_size: [sx, sy, sz] } = this.mesh.light;
+    const p = this.vertices;
+    if (chin === null) return;
+    const [cx, cy, cz] = p.subarray(3 * chin, 3 * chin + 3);
+    for (const i of below) {
+      const x = (p[3 * i] - cx) / sx, y = (p[3 * i + 1] - cy + 16) / sy;
+      const z = (p[3 * i + 2] - cz + 30) / sz;
+      const under = Math.min(Math.max((cy + 3 - p[3 * i + 1]) / 14, 0), 1);
+      this.reach[i] -= shadow * Math.exp(-x * x - y * y - z * z) * under;
+    }
+  }
+}
+
+const FACE_VERTEX = `#version 300 es
+precision highp float;
+layout(location=0) in vec3 position;
+layout(location=1) in vec3 normal;
+layout(location=2) in float reach;
+layout(location=3) in vec4 albedo;
+layout(location=4) in vec2 gloss;
+uniform mat4 camera;
+uniform vec3 directions[LIGHTS], strengths[LIGHTS], wrap, above, below;
+out vec3 colour, where, across, shine;
+void main() {
+  vec3 n = normalize(normal);
+  // Skin is lit a little beyond where light meets it, red light the farthest.
+  vec3 around = albedo.a > 0.5 ? wrap : vec3(0.0);
+  vec3 light = mix(below, above, 0.5 + 0.5 * n.y);
+  for (int i = 0; i < LIGHTS; i++)
+    light += max(dot(n, directions[i]) + around, 0.0) * strengths[i] / (1.0 + around);
+  colour = albedo.rgb * light * reach;
+  where = position;
+  across = n;
+  shine = vec3(gloss.x, gloss.y * 255.0, reach);
+  gl_Position = camera * vec4(position, 1.0);
+}`;
+
+const FACE_FRAGMENT = `#version 300 es
+precision highp float;
+in vec3 colour, where, across, shine;
+uniform vec3 directions[LIGHTS], strengths[LIGHTS], eye;
+out vec4 pixel;
+void main() {
+  vec3 n = normalize(across), towards = normalize(eye - where);
+  float bright = 0.0;
+  for (int i = 0; i < HIGHLIGHTS; i++) {
+    float along = dot(n, normalize(towards + directions[i]));
+    if (along > 0.5 && dot(n, directions[i]) > 0.0)
+      bright += dot(strengths[i], vec3(1.0 / 3.0)) * shine.x * pow(along, shine.y);
+  }
+  pixel = vec4(colour + bright * shine.z, 1.0);
+}`;
+
+const POINT_VERTEX = `#version 300 es
+precision highp float;
+layout(location=0) in vec3 position;
+layout(location=1) in vec3 tint;
+layout(location=2) in float ring;
+uniform mat4 camera;
+uniform float size;
+out vec3 colour;
+out float hollow;
+void main() {
+  gl_Position = camera * vec4(position, 1.0);
+  gl_PointSize = max(size / gl_Position.w, 4.0) * (1.0 + 0.6 * ring);
+  colour = tint;
+  hollow = ring;
+}`;
+
+const POINT_FRAGMENT = `#version 300 es
+precision highp float;
+in vec3 colour;
+in float hollow;
+uniform float round;
+out vec4 pixel;
+void main() {
+  vec2 at = 2.0 * gl_PointCoord - 1.0;
+  float far = dot(at, at);
+  if (round > 0.5 && (far > 1.0 || far < 0.5 * hollow)) discard;
+  vec3 n = vec3(at.x, -at.y, sqrt(max(1.0 - far, 0.0)));
+  float ball = round * (1.0 - hollow);
+  float light = mix(1.0, 0.62 + 0.38 * dot(n, normalize(vec3(0.4, 0.5, 0.77))), ball);
+  pixel = vec4(colour * light, 1.0);
+}`;
+
+const VIEW_ANGLE = 18 * Math.PI / 180;
+// Millimetres; how near the camera is.
+const BALL = 2, ZOOM = 1.06;
+
+class HeadView {
+  constructor(canvas, mesh, centre, size) {
+    this.canvas = canvas;
+    this.face = mesh ? new Face(mesh) : null;
+    this.centre = centre;
+    this.size = size;
+    this.turn = 0; this.lift = 0.02; this.zoom = ZOOM; this.shift = [0, 0];
+    this.columns = 1;
+    const gl = canvas.getContext("webgl2", { antialias: true, alpha: false });
+    if (!gl) throw new Error("This browser has no WebGL 2, which draws the head.");
+    this.gl = gl;
+    this.points = this.build(POINT_VERTEX, POINT_FRAGMENT);
+    this.pointBuffers = [3, 3, 1].map((size) => [gl.createBuffer(), size]);
+    if (this.face) this.prepareFace(mesh);
+  }
+
+  build(vertex, fragment) {
+    const gl = this.gl, program = gl.createProgram();
+    for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, text);
+      gl.compileShader(shader);
+      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS))
+        throw new Error(gl.getShaderInfoLog(shader));
+      gl.attachShader(program, shader);
+    }
+    gl.linkProgram(program);
+    const uniforms = {};
+    for (let i = 0; i < gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS); i++) {
+      const name = gl.getActiveUniform(program, i).name;
+      uniforms[name.replace("[0]", "")] = gl.getUniformLocation(program, name);
+    }
+    return { program, uniforms };
+  }
+
+  prepareFace(mesh) {
+    const gl = this.gl, light = mesh.light, count = this.face.count;
+    const fill = (text) => text.replaceAll("HIGHLIGHTS", light.highlights)
+      .replaceAll("LIGHTS", light.directions.length);
+    this.shader = this.build(fill(FACE_VERTEX), fill(FACE_FRAGMENT));
+    const albedo = new Uint8Array(4 * count), gloss = new Uint8Array(2 * count);
+    for (let i = 0; i < count; i++) {
+      albedo.set(light.albedo.subarray(3 * i, 3 * i + 3), 4 * i);
+      gloss[2 * i] = light.specular[i];
+      gloss[2 * i + 1] = light.power[i];
+    }
+    for (const i of light.skin) albedo[4 * i + 3] = 255;
+    this.array = gl.createVertexArray();
+    gl.bindVertexArray(this.array);
+    const add = (slot, size, kind, content) => {
+      const buffer = gl.createBuffer();
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+      gl.bufferData(gl.ARRAY_BUFFER, content, gl.DYNAMIC_DRAW);
+      gl.enableVertexAttribArray(slot);
+      gl.vertexAttribPointer(slot, size, kind, kind !== gl.FLOAT, 0, 0);
+      return buffer;
+    };
+    this.moving = [
+      [add(0, 3, gl.FLOAT, this.face.vertices), this.face.vertices],
+      [add(1, 3, gl.FLOAT, this.face.normals), this.face.normals],
+      [add(2, 1, gl.FLOAT, this.face.reach), this.face.reach],
+    ];
+    add(3, 4, gl.UNSIGNED_BYTE, albedo);
+    add(4, 2, gl.UNSIGNED_BYTE, gloss);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, mesh.triangles, gl.STATIC_DRAW);
+    gl.bindVertexArray(null);
+    const u = this.shader.uniforms;
+    gl.useProgram(this.shader.program);
+    gl.uniform3fv(u.directions, light.directions.flat());
+    gl.uniform3fv(u.strengths, light.strengths.flat());
+    gl.uniform3fv(u.wrap, light.wrap);
+    gl.uniform3fv(u.above, light.above_light);
+    gl.uniform3fv(u.below, light.below_light);
+  }
+
+  // Fit the drawing buffer to the element.
+  resize() {
+    const ratio = Math.min(window.devicePixelRatio || 1, 2);
+    const width = Math.max(Math.round(this.canvas.clientWidth * ratio), 1);
+    const height = Math.max(Math.round(this.canvas.clientHeight * ratio), 1);
+    if (this.canvas.width !== width || this.canvas.height !== height) {
+      this.canvas.width = width;
+      this.canvas.height = height;
+    }
+  }
+
+  look() {
+    const aspect = this.canvas.width / this.columns / this.canvas.height;
+    // A narrow picture shows the same width of the head.
+    const narrow = Math.max(1, 0.9 * this.size[0] / this.size[1] / aspect);
+    const distance = 0.56 * this.size[1] / Math.tan(VIEW_ANGLE / 2) / this.zoom * narrow;
+    const turn = this.turn, lift = this.lift;
+    const back = [Math.sin(turn) * Math.cos(lift), Math.sin(lift), Math.cos(turn) * Math.cos(lift)];
+    const right = [Math.cos(turn), 0, -Math.sin(turn)];
+    const up = [-Math.sin(turn) * Math.sin(lift), Math.cos(lift), -Math.cos(turn) * Math.sin(lift)];
+    const target = this.centre.map((c, i) => c + this.shift[0] * right[i] + this.shift[1] * up[i]);
+    this.eye = target.map((c, i) => c + distance * back[i]);
+    const near = distance * 0.2, far = distance * 3, f = 1 / Math.tan(VIEW_ANGLE / 2);
+    const dot = (a) => a[0] * this.eye[0] + a[1] * this.eye[1] + a[2] * this.eye[2];
+    const rows = [[...right, -dot(right)], [...up, -dot(up)], [...back, -dot(back)]];
+    const [x, y, z] = rows, depth = (far + near) / (near - far);
+    this.scale = f * this.canvas.height;
+    // Columns of the product of projection and view.
+    this.matrix = new Float32Array(16);
+    for (let i = 0; i < 4; i++) {
+      this.matrix[4 * i] = f / aspect * x[i];
+      this.matrix[4 * i + 1] = f * y[i];
+      this.matrix[4 * i + 2] = depth * z[i] + (i === 3 ? 2 * far * near / (near - far) : 0);
+      this.matrix[4 * i + 3] = -z[i];
+    }
+  }
+
+  // Where a point is in the picture of a column: pixels of the page, and its distance.
+  project(point, column) {
+    const m = this.matrix, [x, y, z] = point;
+    const w = m[3] * x + m[7] * y + m[11] * z + m[15];
+    const width = this.canvas.clientWidth / this.columns;
+    return [
+      (0.5 + 0.5 * (m[0] * x + m[4] * y + m[8] * z + m[12]) / w + column) * width,
+      (0.5 - 0.5 * (m[1] * x + m[5] * y + m[9] * z + m[13]) / w) * this.canvas.clientHeight, w];
+  }
+
+  // Draw heads beside each other: numbers of tracks, a frame, sets of points, lines.
+  draw(heads, frame, frames, points, lines, background) {
+    const gl = this.gl;
+    this.columns = heads.length;
+    this.resize();
+    this.look();
+    gl.clearColor(...background, 1);
+    gl.viewport(0, 0, this.canvas.width, this.canvas.height);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.enable(gl.DEPTH_TEST);
+    heads.forEach((head, column) => {
+      const left = Math.round(column * this.canvas.width / heads.length);
+      gl.viewport(left, 0, Math.round(this.canvas.width / heads.length), this.canvas.height);
+      if (this.face) this.drawFace(head, frame, frames);
+      if (lines.length) this.drawPoints(lines, gl.LINES);
+      if (points.length) this.drawPoints(points, gl.POINTS);
+    });
+  }
+
+  drawFace(head, frame, frames) {
+    const gl = this.gl;
+    this.face.pose(head, frame, frames);
+    this.face.shade();
+    gl.enable(gl.CULL_FACE);
+    gl.useProgram(this.shader.program);
+    gl.uniformMatrix4fv(this.shader.uniforms.camera, false, this.matrix);
+    gl.uniform3fv(this.shader.uniforms.eye, this.eye);
+    gl.bindVertexArray(this.array);
+    for (const [buffer, content] of this.moving) {
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+      gl.bufferSubData(gl.ARRAY_BUFFER, 0, content);
+    }
+    const triangles = this.face.mesh.triangles;
+    const kind = triangles instanceof Uint16Array ? gl.UNSIGNED_SHORT : gl.UNSIGNED_INT;
+    gl.drawElements(gl.TRIANGLES, triangles.length, kind, 0);
+    gl.bindVertexArray(null);
+  }
+
+  // Balls or rings, and ends of lines: a position and a colour each.
+  drawPoints(points, kind) {
+    const gl = this.gl;
+    gl.useProgram(this.points.program);
+    gl.uniformMatrix4fv(this.points.uniforms.camera, false, this.matrix);
+    gl.uniform1f(this.points.uniforms.size, BALL * this.scale);
+    gl.uniform1f(this.points.uniforms.round, kind === gl.POINTS ? 1 : 0);
+    const contents = [points.flatMap((p) => p.position), points.flatMap((p) => p.colour),
+      points.map((p) => p.ring || 0)];
+    this.pointBuffers.forEach(([buffer, size], i) => {
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+      gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(contents[i]), gl.DYNAMIC_DRAW);
+      gl.enableVertexAttribArray(i);
+      gl.vertexAttribPointer(i, size, gl.FLOAT, false, 0, 0);
+    });
+    gl.drawArrays(kind, 0, points.length);
+  }
+
+  setView(degrees) {
+    this.turn = degrees * Math.PI / 180;
+    this.lift = 0.02;
+    this.shift = [0, 0];
+    this.zoom = ZOOM;
+  }
+
+  // Drag turns, with two fingers or the right button moves; wheel and pinch zoom.
+  listen(changed) {
+    const pointers = new Map(), canvas = this.canvas;
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      pointers.set(event.pointerId, [event.clientX, event.clientY]);
+    });
+    for (const name of ["pointerup", "pointercancel"])
+      canvas.addEventListener(name, (event) => pointers.delete(event.pointerId));
+    canvas.addEventListener("pointermove", (event) => {
+      const before = pointers.get(event.pointerId);
+      if (!before) return;
+      const now = [event.clientX, event.clientY];
+      const step = [now[0] - before[0], now[1] - before[1]];
+      pointers.set(event.pointerId, now);
+      if (pointers.size === 2) {
+        const other = [...pointers].find(([id]) => id !== event.pointerId)[1];
+        const apart = (p) => Math.hypot(p[0] - other[0], p[1] - other[1]) || 1;
+        this.zoomBy(apart(now) / apart(before));
+        this.move(step[0] / 2, step[1] / 2);
+      } else if (event.buttons & 2 || event.shiftKey) {
+        this.move(step[0], step[1]);
+      } else {
+        this.turn -= step[0] * 0.008;
+        this.lift = Math.min(Math.max(this.lift + step[1] * 0.008, -1.5), 1.5);
+      }
+      changed();
+    });
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.zoomBy(Math.exp(-event.deltaY * 0.0012));
+      changed();
+    }, { passive: false });
+  }
+
+  zoomBy(factor) {
+    this.zoom = Math.min(Math.max(this.zoom * factor, 0.4), 16);
+  }
+
+  move(right, down) {
+    const millimetres = 1.12 * this.size[1] / this.zoom / this.canvas.clientHeight;
+    this.shift[0] -= right * millimetres;
+    this.shift[1] += down * millimetres;
+  }
+}
