@@ -90,6 +90,40 @@ def draw_liveliness(
     return Liveliness(closed, turns, shifts)
 
 
+def plan_liveliness(
+    times: FloatArray, mesh: Mesh, *, blinks: bool, head_motion: bool | PoseTracks, seed: int
+) -> Liveliness:
+    """Draw blinks and head motion, or let the head move as it was measured.
+
+    Parameters
+    ----------
+    times
+        Times of the frames, ``(frames,)``, seconds.
+    mesh
+        The face.
+    blinks
+        Whether there are blinks.
+    head_motion
+        Whether the head moves at random; or its measured pose in the axes of the face.
+    seed
+        Another seed draws others.
+
+    Returns
+    -------
+    Liveliness
+        Blinks and head motion of every frame.
+
+    Raises
+    ------
+    DataError
+        If the pose is known in no frame.
+    """
+    life = draw_liveliness(times, blinks=blinks, head_motion=head_motion is True, seed=seed)
+    if isinstance(head_motion, PoseTracks):
+        return follow_pose(life, head_motion, times, mesh)
+    return life
+
+
 def follow_pose(life: Liveliness, pose: PoseTracks, times: FloatArray, mesh: Mesh) -> Liveliness:
     """Move the head as it was measured, about its mean pose.
 

@@ -16,7 +16,7 @@ from mocap_fit.face import load_face
 from mocap_fit.face.rig import Rig
 from mocap_fit.phones import PhoneSequence
 from mocap_fit.render.framing import View
-from mocap_fit.render.liveliness import draw_liveliness, follow_pose
+from mocap_fit.render.liveliness import plan_liveliness
 from mocap_fit.render.movie_file import MovieFile, check_frame_rate, cut_sound, get_movie_kind
 from mocap_fit.render.pictures import Image
 from mocap_fit.render.running_strip import Curve, RunningStrip, draw_text, select_moving, to_curves
@@ -190,17 +190,13 @@ def render_movie(
     views: tuple[View, ...] = (view,) if isinstance(view, str) else tuple(view)
     if not views:
         raise DataError("a movie needs a view")
-    is_drawn = head_motion is True
-    life = draw_liveliness(times, blinks=blinks, head_motion=is_drawn, seed=seed)
-    if isinstance(head_motion, PoseTracks):
-        life = follow_pose(life, head_motion, times, rig.mesh)
     talk = Talk(
         rig,
         tuple(sample_parameters(head, times, rig, phones) for head in heads.values()),
         views,
         (int(size[0]), int(size[1])),
         zoom,
-        life,
+        plan_liveliness(times, rig.mesh, blinks=blinks, head_motion=head_motion, seed=seed),
         np.zeros((count, 0, 3)) if markers is None else markers.at(times),
     )
     chosen = select_moving(list(heads.values())) if curves is True else tuple(curves or ())

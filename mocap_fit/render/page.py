@@ -27,17 +27,18 @@ from mocap_fit.errors import DataError, FileFormatError
 from mocap_fit.face.mesh import Mesh
 from mocap_fit.face.rig import Rig
 from mocap_fit.phones import PhoneSequence
+from mocap_fit.render.framing import frame_face
 from mocap_fit.render.lighting import Lighting
-from mocap_fit.render.liveliness import LivelyFace, draw_liveliness
+from mocap_fit.render.liveliness import LivelyFace, plan_liveliness
 from mocap_fit.render.main_shapes import MainShapes, Quantised, compute_main_shapes, quantise
 from mocap_fit.render.movie import MAX_DURATION
 from mocap_fit.render.movie_file import cut_sound
 from mocap_fit.render.running_strip import select_moving
 from mocap_fit.render.sampling import sample_parameters
 from mocap_fit.render.scene import list_outside_triangles
-from mocap_fit.render.talking import deform_face, find_middle
+from mocap_fit.render.talking import deform_face
 from mocap_fit.sound import Sound, resample
-from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks
+from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks, PoseTracks
 
 # Frames a second that the head is drawn for at most, and curves that are shown at first.
 _MAX_RATE = 60.0
@@ -119,7 +120,7 @@ def write_page(
     marks: Sequence[Mark] = (),
     extent: tuple[float, float] | None = None,
     blinks: bool = False,
-    head_motion: bool = False,
+    head_motion: bool | PoseTracks = False,
     seed: int = 0,
     progress: Callable[[int, int], object] | None = None,
 ) -> Page:
@@ -141,7 +142,8 @@ def write_page(
     sound
         Sound on the clock of the tracks: it begins at 0 s.
     phones
-        The phones of what is said.
+        The phones of what is said; where the face has parameters of the tongue that the tracks
+        lack, it moves by them.
     markers
         Markers in the coordinates of the face by their labels, such as ``measured`` and
         ``virtual``; those of one name are joined by a line between the first two.
@@ -152,7 +154,8 @@ def write_page(
     blinks
         Whether blinks are added, drawn at random from the seed.
     head_motion
-        Whether head motion is added, drawn at random from the seed.
+        Whether head motion is added, drawn at random from the seed; or the pose of a head that was
+        measured, in the axes of the face, whose motion about its mean is added.
     seed
         Another seed draws other blinks and head motion.
     progress
@@ -202,14 +205,14 @@ def write_page(
         "phones": [[p.start, p.end, p.phone, p.word] for p in phones or ()],
         "marks": [vars(mark) for mark in marks],
         "tracks": [_to_track(label, head) for label, head in heads.items()],
-        "markers": [_to_markers(label, each, times) for label, each in points.items()],
         "sound": None if sound is None else _to_sound(sound),
     }
+    positions = {label: np.asarray(each.at(times)) for label, each in points.items()}
     shapes = None
     if rig is not None:
-        values = [sample_parameters(head, times, rig) for head in heads.values()]
+        values = [sample_parameters(head, times, rig, phones) for head in heads.values()]
         values = values or [np.zeros((count, len(rig.parameter_names)))]
-        life = draw_liveliness(times, blinks=blinks, head_motion=head_motion, seed=seed)
+        life = plan_liveliness(times, rig.mesh, blinks=blinks, head_motion=head_motion, seed=seed)
         lively = LivelyFace(rig.mesh, blinks=blinks)
         done, total = 0, count * len(values)
 
@@ -224,7 +227,15 @@ def write_page(
             return deform_face(rig, lively, values[head][frame], life, frame)
 
         shapes = compute_main_shapes(get_vertices, total, progress=advance)
-        record["mesh"] = _to_mesh(rig, shapes)
+        record["mesh"] = _to_mesh(rig.mesh, shapes)
+        for label, each in positions.items():
+            moved = (
+                lively.carry(p, *at) for p, *at in zip(each, life.turns, life.shifts, strict=True)
+            )
+            positions[label] = np.stack(list(moved))
+    record["markers"] = [
+        _to_markers(label, points[label].names, positions[label]) for label in points
+    ]
     write_text(path, _format_page(record), "page")
     return Page(
         Path(path),
@@ -283,14 +294,13 @@ def _to_track(label: str, tracks: ParameterTracks) -> dict[str, Any]:
     }
 
 
-def _to_markers(label: str, markers: MarkerTracks, times: FloatArray) -> dict[str, Any]:
-    positions = np.asarray(markers.at(times))
+def _to_markers(label: str, names: Sequence[str], positions: FloatArray) -> dict[str, Any]:
     missing = np.isnan(positions)
     rounded = quantise(np.where(missing, 0.0, positions))
     steps = np.where(missing, _GAP, rounded.steps).astype(np.int16)
     return {
         "label": label,
-        "names": markers.names,
+        "names": names,
         "positions": _pack(steps, "int16", rounded.scale),
     }
 
@@ -317,23 +327,23 @@ def _to_sound(sound: Sound) -> dict[str, Any]:
     }
 
 
-def _to_mesh(rig: Rig, shapes: MainShapes) -> dict[str, Any]:
-    mesh: Mesh = rig.mesh
+def _to_mesh(mesh: Mesh, shapes: MainShapes) -> dict[str, Any]:
     light = Lighting(mesh).describe()
     arrays = {
         name: _pack(values, str(values.dtype)) if isinstance(values, np.ndarray) else values
         for name, values in light.items()
     }
     triangles = list_outside_triangles(mesh)
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    camera = frame_face(mesh)
+    across = mesh.vertices[mesh.vertices[:, 1] > camera.target[1], 0]
     return {
         "light": arrays,
         # Those that are doubled, with the other side in front, come last.
         "surface": len(mesh.triangles),
         "triangles": _pack(triangles, "uint16" if len(mesh.vertices) < 65536 else "uint32"),
-        "centre": find_middle(rig).tolist(),
-        "height": float(high[1] - low[1]),
-        "width": float(high[0] - low[0]),
+        "centre": camera.target.tolist(),
+        "distance": float(np.linalg.norm(camera.position - camera.target)),
+        "width": float(np.ptp(across)),
         "middle": _pack_quantised(shapes.middle),
         "shapes": _pack_quantised(shapes.shapes),
         "weights": _pack(shapes.weights, "float32"),

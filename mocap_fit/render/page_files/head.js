@@ -160,16 +160,15 @@ void main() {
 }`;
 
 const VIEW_ANGLE = 18 * Math.PI / 180;
-// Millimetres; how near the camera is.
-const BALL = 2, ZOOM = 1.06;
+// Millimetres.
+const BALL = 2;
 
 class HeadView {
-  constructor(canvas, mesh, centre, size) {
-    this.canvas = canvas;
+  // What is in the middle, from which distance, how wide it is: millimetres.
+  constructor(canvas, mesh, { centre, distance, width }) {
+    Object.assign(this, { canvas, centre, distance, width });
     this.face = mesh ? new Face(mesh) : null;
-    this.centre = centre;
-    this.size = size;
-    this.turn = 0; this.lift = 0.02; this.zoom = ZOOM; this.shift = [0, 0];
+    this.turn = 0; this.lift = 0.02; this.zoom = 1; this.shift = [0, 0];
     this.columns = 1;
     const gl = canvas.getContext("webgl2", { antialias: true, alpha: false });
     if (!gl) throw new Error("This browser has no WebGL 2, which draws the head.");
@@ -250,16 +249,25 @@ class HeadView {
     }
   }
 
+  // The closer, the nearer the mouth is to the middle (as in the movie).
+  findMiddle() {
+    const lip = this.face ? this.face.mesh.light.lips[0] : null;
+    if (lip === null || this.zoom <= 1) return this.centre;
+    const mouth = this.face.rest.subarray(3 * lip, 3 * lip + 3), share = this.zoom ** -3;
+    return this.centre.map((c, i) => mouth[i] + (c - mouth[i]) * share);
+  }
+
   look() {
     const aspect = this.canvas.width / this.columns / this.canvas.height;
-    // A narrow picture shows the same width of the head.
-    const narrow = Math.max(1, 0.9 * this.size[0] / this.size[1] / aspect);
-    const distance = 0.56 * this.size[1] / Math.tan(VIEW_ANGLE / 2) / this.zoom * narrow;
+    // A narrow picture shows the head as wide.
+    const wide = 2 * this.distance * Math.tan(VIEW_ANGLE / 2) * aspect;
+    const distance = this.distance / this.zoom * Math.max(1, 1.06 * this.width / wide);
     const turn = this.turn, lift = this.lift;
     const back = [Math.sin(turn) * Math.cos(lift), Math.sin(lift), Math.cos(turn) * Math.cos(lift)];
     const right = [Math.cos(turn), 0, -Math.sin(turn)];
     const up = [-Math.sin(turn) * Math.sin(lift), Math.cos(lift), -Math.cos(turn) * Math.sin(lift)];
-    const target = this.centre.map((c, i) => c + this.shift[0] * right[i] + this.shift[1] * up[i]);
+    const middle = this.findMiddle();
+    const target = middle.map((c, i) => c + this.shift[0] * right[i] + this.shift[1] * up[i]);
     this.eye = target.map((c, i) => c + distance * back[i]);
     const near = distance * 0.2, far = distance * 3, f = 1 / Math.tan(VIEW_ANGLE / 2);
     const dot = (a) => a[0] * this.eye[0] + a[1] * this.eye[1] + a[2] * this.eye[2];
@@ -346,7 +354,7 @@ class HeadView {
     this.turn = degrees * Math.PI / 180;
     this.lift = 0.02;
     this.shift = [0, 0];
-    this.zoom = ZOOM;
+    this.zoom = 1;
   }
 
   // Drag turns, with two fingers or the right button moves; wheel and pinch zoom.
@@ -390,7 +398,8 @@ class HeadView {
   }
 
   move(right, down) {
-    const millimetres = 1.12 * this.size[1] / this.zoom / this.canvas.clientHeight;
+    const high = 2 * this.distance * Math.tan(VIEW_ANGLE / 2);
+    const millimetres = high / this.zoom / this.canvas.clientHeight;
     this.shift[0] -= right * millimetres;
     this.shift[1] += down * millimetres;
   }

@@ -68,9 +68,8 @@ class Page {
     this.beside = record.tracks.length > 1 ? 1 : -1;
     this.loop = false;
     this.stopAt = null;
-    const mesh = record.mesh, box = mesh ? null : measurePoints(record.markers);
-    this.view = new HeadView(get("head"), mesh, mesh ? mesh.centre : box.centre,
-      mesh ? [mesh.width, mesh.height] : box.size);
+    const mesh = record.mesh;
+    this.view = new HeadView(get("head"), mesh, mesh || measurePoints(record.markers));
     this.names = record.tracks.map((track) => track.names).flat()
       .filter((name, i, all) => all.indexOf(name) === i);
     if (record.tracks.some((track) => track.residuals)) this.names.push("residual (mm)");
@@ -510,8 +509,8 @@ function measurePoints(sets) {
       high[axis] = Math.max(high[axis], value);
     }
   const centre = low.map((value, axis) => (Number.isFinite(value) ? 0.5 * (value + high[axis]) : 0));
-  const size = low.map((value, axis) => (Number.isFinite(value) ? Math.max(high[axis] - value, 50) : 100));
-  return { centre, size: [1.3 * size[0], 1.3 * size[1]] };
+  const [width, height] = low.map((value, axis) => Math.max(high[axis] - value, 50) || 100);
+  return { centre, width, distance: 0.65 * height / Math.tan(VIEW_ANGLE / 2) };
 }
 
 function showFault(fault) {
