@@ -1,13 +1,14 @@
 """The fewest shapes that, blended, come as near as wanted to all frames of a movement.
 
-They have no meaning as those of `mocap_fit.render.shapes` have: they are the principal components
-of the vertices over the frames, so that ten of them do for a face that speaks.
+They are built from frames as they come, so that a long movement is never in memory at once, and
+have no meaning as those of `mocap_fit.render.shapes` have: they are principal components of the
+vertices over the frames. A dozen of them do for a face that speaks.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +17,10 @@ from mocap_fit.tracks import FloatArray
 
 Single = NDArray[np.float32]
 
-# Frames that the first shapes are computed from, and frames that are worked on at once.
-_SAMPLED, _AT_ONCE = 160, 32
-_FULL_SCALE = 32767
-
 
 @dataclass(frozen=True, eq=False)
 class Quantised:
-    """Numbers in 16 bits.
+    """Numbers in 16 or 8 bits.
 
     Parameters
     ----------
@@ -33,7 +30,7 @@ class Quantised:
         What one step is worth, in the unit of the numbers.
     """
 
-    steps: NDArray[np.int16]
+    steps: NDArray[np.signedinteger[Any]]
     scale: float
 
     @property
@@ -49,13 +46,13 @@ class MainShapes:
     Parameters
     ----------
     middle
-        The mean shape, ``(vertices, 3)``, millimetres.
+        The mean shape, ``(vertices, 3)``, in the unit of the frames.
     shapes
         What is added to it, ``(shapes, vertices, 3)``, no unit.
     weights
-        Weights of the shapes, ``(frames, shapes)``, millimetres.
+        Weights of the shapes, ``(frames, shapes)``, in the unit of the frames.
     largest_error
-        What the distance from the movement is at most, at any vertex of any frame, millimetres.
+        What the distance from the movement is at most, at any vertex of any frame.
     """
 
     middle: Quantised
@@ -64,75 +61,87 @@ class MainShapes:
     largest_error: float
 
 
-def compute_main_shapes(
-    get_vertices: Callable[[int], FloatArray],
-    frames: int,
-    *,
-    tolerance: float = 0.05,
-    progress: Callable[[], object] = lambda: None,
-) -> MainShapes:
-    """Compute shapes and weights of a movement.
+class MainShapesBuilder:
+    """Finds the fewest shapes for frames that come in pieces, of a movement or of its light.
 
     Parameters
     ----------
-    get_vertices
-        Returns the vertices of a frame, ``(vertices, 3)``, millimetres, by its number.
-    frames
-        Number of frames, one or more.
+    sample
+        Frames from all over the movement, which the first shapes are computed from,
+        ``(frames, vertices, 3)``.
     tolerance
-        How far a vertex may be from where it should be, millimetres, before rounding.
-    progress
-        Called after each frame.
-
-    Returns
-    -------
-    MainShapes
-        As few shapes as the tolerance allows.
+        How far a vertex may be from where it should be, in the unit of the frames, before the
+        shapes are rounded.
+    bits
+        16, or 8 for shapes that may be rough.
     """
-    sampled = np.unique(np.linspace(0, frames - 1, min(frames, _SAMPLED)).round().astype(int))
-    sample = _stack(get_vertices, sampled)
-    middle = quantise(sample.mean(axis=0))
-    mean: Single = middle.values.ravel()
-    basis = _find_directions(sample.reshape(len(sample), -1) - mean, tolerance)
-    parts: list[Single] = []
-    error = 0.0
-    for first in range(0, frames, _AT_ONCE):
-        some = _stack(get_vertices, range(first, min(first + _AT_ONCE, frames)))
-        flat: Single = some.reshape(len(some), -1) - mean
-        left = np.asarray(flat - flat @ basis.T @ basis, dtype=np.float32)
-        basis = np.concatenate([basis, _find_directions(left, tolerance)])
-        parts.append(np.asarray(flat @ basis.T))
-        error = max(error, float(_measure(flat - parts[-1] @ basis).max()))
-        for _ in some:
-            progress()
-    # Frames before a shape was needed do without it.
-    weights = np.zeros((frames, len(basis)), dtype=np.float32)
-    for number, part in enumerate(parts):
-        weights[number * _AT_ONCE :][: len(part), : part.shape[1]] = part
-    shapes = quantise(basis.reshape(len(basis), *middle.steps.shape))
-    rounding = np.sqrt(3.0) * 0.5 * shapes.scale * float(np.abs(weights).sum(axis=1).max())
-    return MainShapes(middle, shapes, weights, error + rounding)
+
+    def __init__(self, sample: FloatArray | Single, tolerance: float, bits: int = 16) -> None:
+        self._bits = bits
+        self._tolerance = tolerance
+        # What never moves is the same in all frames, and 0 in all shapes.
+        self._mean = np.asarray(sample.mean(axis=0), dtype=np.float64)
+        self._basis = _find_directions(self._flatten(sample), tolerance)
+        self._weights: list[Single] = []
+        self._error = 0.0
+
+    def add(self, frames: FloatArray | Single) -> None:
+        """Add the next frames, and the shapes that they need.
+
+        Parameters
+        ----------
+        frames
+            Some frames, ``(frames, vertices, 3)``.
+        """
+        flat = self._flatten(frames)
+        left = np.asarray(flat - flat @ self._basis.T @ self._basis, dtype=np.float32)
+        self._basis = np.concatenate([self._basis, _find_directions(left, self._tolerance)])
+        weights: Single = np.asarray(flat @ self._basis.T, dtype=np.float32)
+        self._weights.append(weights)
+        self._error = max(self._error, float(_measure(flat, weights @ self._basis).max()))
+
+    def build(self) -> MainShapes:
+        """Return the shapes, and the weights of all frames.
+
+        Returns
+        -------
+        MainShapes
+            As few shapes as the tolerance allows.
+        """
+        frames = sum(map(len, self._weights))
+        # Frames before a shape was needed do without it.
+        weights = np.zeros((frames, len(self._basis)), dtype=np.float32)
+        first = 0
+        for part in self._weights:
+            weights[first : first + len(part), : part.shape[1]] = part
+            first += len(part)
+        middle = quantise(self._mean)
+        shapes = quantise(self._basis.reshape(-1, *self._mean.shape), self._bits)
+        steps = middle.scale + shapes.scale * float(np.abs(weights).sum(axis=1).max())
+        return MainShapes(middle, shapes, weights, self._error + 0.5 * float(np.sqrt(3.0)) * steps)
+
+    def _flatten(self, frames: FloatArray | Single) -> Single:
+        return np.asarray(frames.reshape(len(frames), -1) - self._mean.ravel(), dtype=np.float32)
 
 
-def quantise(values: FloatArray | Single) -> Quantised:
-    """Round numbers to 16 bits.
+def quantise(values: FloatArray | Single, bits: int = 16) -> Quantised:
+    """Round numbers to 16 or 8 bits.
 
     Parameters
     ----------
     values
         Finite numbers, ``(..., 3)``, in any unit.
+    bits
+        16 or 8.
 
     Returns
     -------
     Quantised
         The nearest steps.
     """
-    scale = float(np.abs(values).max(initial=0.0)) / _FULL_SCALE or 1.0
-    return Quantised(np.rint(values / scale).astype(np.int16), scale)
-
-
-def _stack(get_vertices: Callable[[int], FloatArray], numbers: range | NDArray[np.int64]) -> Single:
-    return np.stack([get_vertices(int(number)).astype(np.float32) for number in numbers])
+    kind: Any = np.int16 if bits == 16 else np.int8
+    scale = float(np.abs(values).max(initial=0.0)) / np.iinfo(kind).max or 1.0
+    return Quantised(np.rint(values / scale).astype(kind), scale)
 
 
 def _find_directions(rest: Single, tolerance: float) -> Single:
@@ -142,7 +151,7 @@ def _find_directions(rest: Single, tolerance: float) -> Single:
     # The eigenvectors of the small matrix of frames give those of the large one of coordinates.
     _, sides = np.linalg.eigh((rest @ rest.T).astype(np.float64))
     for side in sides.T[::-1]:
-        if _measure(left).max() <= tolerance:
+        if _measure(left, 0.0).max() <= tolerance:
             break
         direction = side.astype(np.float32) @ rest
         direction /= np.linalg.norm(direction)
@@ -151,6 +160,6 @@ def _find_directions(rest: Single, tolerance: float) -> Single:
     return np.stack(directions) if directions else np.zeros((0, rest.shape[1]), np.float32)
 
 
-def _measure(rest: Single) -> Single:
-    """Return how far vertices are moved, ``(frames, vertices)``."""
-    return np.asarray(np.linalg.norm(rest.reshape(len(rest), -1, 3), axis=2))
+def _measure(frames: Single, blended: Any) -> Single:
+    """Return how far vertices are from each other, ``(frames, vertices)``."""
+    return np.asarray(np.linalg.norm((frames - blended).reshape(len(frames), -1, 3), axis=2))

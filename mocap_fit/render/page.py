@@ -30,7 +30,7 @@ from mocap_fit.phones import PhoneSequence
 from mocap_fit.render.framing import frame_face
 from mocap_fit.render.lighting import Lighting
 from mocap_fit.render.liveliness import LivelyFace, plan_liveliness
-from mocap_fit.render.main_shapes import MainShapes, Quantised, compute_main_shapes, quantise
+from mocap_fit.render.main_shapes import MainShapes, MainShapesBuilder, Quantised, quantise
 from mocap_fit.render.movie import MAX_DURATION
 from mocap_fit.render.movie_file import cut_sound
 from mocap_fit.render.running_strip import select_moving
@@ -43,6 +43,10 @@ from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks, PoseTrac
 # Frames a second that the head is drawn for at most, and curves that are shown at first.
 _MAX_RATE = 60.0
 _CURVES = 6
+# Frames that the first shapes are computed from, and frames that are worked on at once; how far a
+# vertex may be from where it should be, millimetres, and its light, 0 to 1.
+_SAMPLED, _AT_ONCE = 160, 32
+_MOVEMENT_TOLERANCE, _LIGHT_TOLERANCE = 0.05, 0.05
 # Rates that browsers play, and the step of the waveform, seconds.
 _SOUND_RATES = (8000.0, 48000.0)
 _WAVEFORM_STEP = 0.002
@@ -159,7 +163,7 @@ def write_page(
     seed
         Another seed draws other blinks and head motion.
     progress
-        Called after each frame of each head with the number that are done and the number of all.
+        Called now and then with the number of frames of all heads that are done, and of all.
 
     Returns
     -------
@@ -208,33 +212,25 @@ def write_page(
         "sound": None if sound is None else _to_sound(sound),
     }
     positions = {label: np.asarray(each.at(times)) for label, each in points.items()}
-    shapes = None
+    movement: MainShapes | None = None
     if rig is not None:
         values = [sample_parameters(head, times, rig, phones) for head in heads.values()]
         values = values or [np.zeros((count, len(rig.parameter_names)))]
         life = plan_liveliness(times, rig.mesh, blinks=blinks, head_motion=head_motion, seed=seed)
         lively = LivelyFace(rig.mesh, blinks=blinks)
-        done, total = 0, count * len(values)
-
-        def advance() -> None:
-            nonlocal done
-            done += 1
-            if progress is not None:
-                progress(done, total)
 
         def get_vertices(number: int) -> FloatArray:
             head, frame = divmod(number, count)
             return deform_face(rig, lively, values[head][frame], life, frame)
 
-        shapes = compute_main_shapes(get_vertices, total, progress=advance)
-        record["mesh"] = _to_mesh(rig.mesh, shapes)
+        lighting = Lighting(rig.mesh)
+        movement, light = _compute_shapes(get_vertices, lighting, count * len(values), progress)
+        record["mesh"] = _to_mesh(rig.mesh, lighting, movement, light)
         for label, each in positions.items():
-            moved = (
-                lively.carry(p, *at) for p, *at in zip(each, life.turns, life.shifts, strict=True)
-            )
-            positions[label] = np.stack(list(moved))
+            moves = zip(each, life.turns, life.shifts, strict=True)
+            positions[label] = np.stack([lively.carry(*move) for move in moves])
     record["markers"] = [
-        _to_markers(label, points[label].names, positions[label]) for label in points
+        _to_markers(label, points[label].names, each) for label, each in positions.items()
     ]
     write_text(path, _format_page(record), "page")
     return Page(
@@ -243,10 +239,36 @@ def write_page(
         end - start,
         rate,
         count,
-        0 if shapes is None else len(shapes.shapes.steps),
-        0.0 if shapes is None else shapes.largest_error,
+        0 if movement is None else len(movement.shapes.steps),
+        0.0 if movement is None else movement.largest_error,
         sound is not None,
     )
+
+
+def _compute_shapes(
+    get_vertices: Callable[[int], FloatArray],
+    lighting: Lighting,
+    frames: int,
+    progress: Callable[[int, int], object] | None,
+) -> tuple[MainShapes, MainShapes]:
+    """Return the main shapes of a movement, and of the light that reaches the vertices."""
+
+    def list_frames(numbers: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+        shapes = [get_vertices(number) for number in numbers]
+        return np.stack(shapes), np.stack([lighting.compute_reaching(each) for each in shapes])
+
+    sampled = np.unique(np.linspace(0, frames - 1, min(frames, _SAMPLED)).round().astype(int))
+    vertices, reaching = list_frames(sampled.tolist())
+    movement = MainShapesBuilder(vertices, _MOVEMENT_TOLERANCE)
+    light = MainShapesBuilder(reaching, _LIGHT_TOLERANCE, bits=8)
+    for first in range(0, frames, _AT_ONCE):
+        numbers = range(first, min(first + _AT_ONCE, frames))
+        vertices, reaching = list_frames(numbers)
+        movement.add(vertices)
+        light.add(reaching)
+        if progress is not None:
+            progress(numbers.stop, frames)
+    return movement.build(), light.build()
 
 
 def _find_extent(
@@ -276,7 +298,7 @@ def _pack(values: Any, kind: str, scale: float | None = None) -> dict[str, Any]:
 
 
 def _pack_quantised(values: Quantised) -> dict[str, Any]:
-    return _pack(values.steps, "int16", values.scale)
+    return _pack(values.steps, str(values.steps.dtype), values.scale)
 
 
 def _to_track(label: str, tracks: ParameterTracks) -> dict[str, Any]:
@@ -327,27 +349,36 @@ def _to_sound(sound: Sound) -> dict[str, Any]:
     }
 
 
-def _to_mesh(mesh: Mesh, shapes: MainShapes) -> dict[str, Any]:
-    light = Lighting(mesh).describe()
-    arrays = {
+def _to_mesh(
+    mesh: Mesh, lighting: Lighting, movement: MainShapes, light: MainShapes
+) -> dict[str, Any]:
+    looks = {
         name: _pack(values, str(values.dtype)) if isinstance(values, np.ndarray) else values
-        for name, values in light.items()
+        for name, values in lighting.describe().items()
     }
-    triangles = list_outside_triangles(mesh)
     camera = frame_face(mesh)
     across = mesh.vertices[mesh.vertices[:, 1] > camera.target[1], 0]
     return {
-        "light": arrays,
+        "looks": looks,
         # Those that are doubled, with the other side in front, come last.
         "surface": len(mesh.triangles),
-        "triangles": _pack(triangles, "uint16" if len(mesh.vertices) < 65536 else "uint32"),
+        "triangles": _pack(
+            list_outside_triangles(mesh), "uint16" if len(mesh.vertices) < 65536 else "uint32"
+        ),
         "centre": camera.target.tolist(),
         "distance": float(np.linalg.norm(camera.position - camera.target)),
         "width": float(np.ptp(across)),
+        "lip": mesh.feature_points.get("2.2"),
+        "movement": _to_shapes(movement),
+        "light": _to_shapes(light),
+    }
+
+
+def _to_shapes(shapes: MainShapes) -> dict[str, Any]:
+    return {
         "middle": _pack_quantised(shapes.middle),
         "shapes": _pack_quantised(shapes.shapes),
         "weights": _pack(shapes.weights, "float32"),
-        "largest_error": shapes.largest_error,
     }
 
 

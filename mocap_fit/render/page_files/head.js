@@ -1,49 +1,54 @@
 // The head: shapes and weights to vertices, light on them, WebGL 2, the camera.
 
-class Face {
-  constructor(mesh) {
-    this.mesh = mesh;
-    const middle = mesh.middle, shapes = mesh.shapes;
-    this.count = middle.shape[0];
-    this.shapeCount = shapes.shape[0];
+// A sum of shapes with a weight for each in every frame, such as a movement or its light.
+class Blend {
+  constructor({ middle, shapes, weights }) {
     this.rest = Float32Array.from(middle, (step) => step * middle.scale);
-    // Most of a head never moves: of each shape only the part between its first and last number.
-    this.parts = [];
-    for (let k = 0; k < this.shapeCount; k++) {
-      const part = shapes.subarray(3 * this.count * k, 3 * this.count * (k + 1));
-      let first = 0, last = part.length;
-      while (first < last && part[first] === 0) first++;
-      while (last > first && part[last - 1] === 0) last--;
-      this.parts.push([first, part.subarray(first, last)]);
-    }
-    this.vertices = new Float32Array(3 * this.count);
-    this.normals = new Float32Array(3 * this.count);
-    this.reach = new Float32Array(this.count);
-    this.weights = new Float32Array(this.shapeCount);
+    this.values = new Float32Array(this.rest.length);
+    this.size = shapes.shape[0];
+    this.weights = weights;
+    // Most of a head never moves: only the numbers that some shape changes are blended.
+    const count = this.rest.length, moves = new Uint8Array(count);
+    for (let i = 0; i < shapes.length; i++) if (shapes[i]) moves[i % count] = 1;
+    this.moving = Int32Array.from(moves.keys()).filter((i) => moves[i]);
+    this.parts = Array.from({ length: this.size }, (_, k) =>
+      Float32Array.from(this.moving, (i) => shapes[k * count + i] * shapes.scale));
+    this.sum = new Float32Array(this.moving.length);
+    this.values.set(this.rest);
   }
 
-  // Move the vertices to a frame of a head; a number between two frames is between them.
-  pose(head, frame, frames) {
+  // A frame of a head; a number between two frames is between them.
+  compute(head, frame, frames) {
     const low = Math.min(Math.max(Math.floor(frame), 0), frames - 1);
     const high = Math.min(low + 1, frames - 1);
     const share = Math.min(Math.max(frame - low, 0), 1);
-    const all = this.mesh.weights, size = this.shapeCount;
-    const a = (head * frames + low) * size, b = (head * frames + high) * size;
-    const vertices = this.vertices;
-    vertices.set(this.rest);
-    for (let k = 0; k < size; k++) {
-      const weight = ((1 - share) * all[a + k] + share * all[b + k]) * this.mesh.shapes.scale;
-      const [first, part] = this.parts[k];
-      for (let i = 0; i < part.length; i++) vertices[first + i] += weight * part[i];
-    }
-    return vertices;
+    const a = (head * frames + low) * this.size, b = (head * frames + high) * this.size;
+    const { values, weights, moving, rest, sum } = this;
+    sum.fill(0);
+    this.parts.forEach((part, k) => {
+      const weight = (1 - share) * weights[a + k] + share * weights[b + k];
+      for (let i = 0; i < sum.length; i++) sum[i] += weight * part[i];
+    });
+    for (let i = 0; i < moving.length; i++) values[moving[i]] = rest[moving[i]] + sum[i];
+    return values;
+  }
+}
+
+class Face {
+  constructor(mesh) {
+    this.mesh = mesh;
+    this.movement = new Blend(mesh.movement);
+    this.light = new Blend(mesh.light);
+    this.vertices = this.movement.values;
+    this.reach = this.light.values;
+    this.normals = new Float32Array(this.vertices.length);
+    this.count = this.vertices.length / 3;
   }
 
-  shade() {
+  pose(head, frame, frames) {
+    this.movement.compute(head, frame, frames);
+    this.light.compute(head, frame, frames);
     this.computeNormals();
-    this.reach.fill(1);
-    this.lightMouth();
-    this.shadeThroat();
   }
 
   computeNormals() {
@@ -59,39 +64,13 @@ class Face {
       n[c] += x; n[c + 1] += y; n[c + 2] += z;
     }
   }
-
-  // From behind a slit, the part of the outside that is visible (as the movie has it).
-  lightMouth() {
-    const { inside, minimum, lips: [upper, lower] } = this.mesh.light, p = this.vertices;
-    if (upper === null || lower === null) return;
-    const opening = Math.max(p[3 * upper + 1] - p[3 * lower + 1], 0);
-    const front = 0.5 * (p[3 * upper + 2] + p[3 * lower + 2]);
-    for (let i = 0; i < inside.length; i++) {
-      const depth = Math.max(front - p[3 * inside[i] + 2], 0);
-      const visible = 0.62 * opening / Math.sqrt(0.25 * opening * opening + depth * depth + 1e-6);
-      this.reach[inside[i]] = minimum[i] + (1 - minimum[i]) * Math.min(visible, 1);
-    }
-  }
-
-  shadeThroat() {
-    const { chin, below, shadow, shadow_size: [sx, sy, sz] } = this.mesh.light;
-    const p = this.vertices;
-    if (chin === null) return;
-    const [cx, cy, cz] = p.subarray(3 * chin, 3 * chin + 3);
-    for (const i of below) {
-      const x = (p[3 * i] - cx) / sx, y = (p[3 * i + 1] - cy + 16) / sy;
-      const z = (p[3 * i + 2] - cz + 30) / sz;
-      const under = Math.min(Math.max((cy + 3 - p[3 * i + 1]) / 14, 0), 1);
-      this.reach[i] -= shadow * Math.exp(-x * x - y * y - z * z) * under;
-    }
-  }
 }
 
 const FACE_VERTEX = `#version 300 es
 precision highp float;
 layout(location=0) in vec3 position;
 layout(location=1) in vec3 normal;
-layout(location=2) in float reach;
+layout(location=2) in vec3 reach;
 layout(location=3) in vec4 albedo;
 layout(location=4) in vec2 gloss;
 uniform mat4 camera;
@@ -107,7 +86,7 @@ void main() {
   colour = albedo.rgb * light * reach;
   where = position;
   across = n;
-  shine = vec3(gloss.x, gloss.y * 255.0, reach);
+  shine = vec3(gloss.x, gloss.y * 255.0, reach.g);
   gl_Position = camera * vec4(position, 1.0);
 }`;
 
@@ -198,17 +177,17 @@ class HeadView {
   }
 
   prepareFace(mesh) {
-    const gl = this.gl, light = mesh.light, count = this.face.count;
-    const fill = (text) => text.replaceAll("HIGHLIGHTS", light.highlights)
-      .replaceAll("LIGHTS", light.directions.length);
+    const gl = this.gl, looks = mesh.looks, count = this.face.count;
+    const fill = (text) => text.replaceAll("HIGHLIGHTS", looks.highlights)
+      .replaceAll("LIGHTS", looks.directions.length);
     this.shader = this.build(fill(FACE_VERTEX), fill(FACE_FRAGMENT));
     const albedo = new Uint8Array(4 * count), gloss = new Uint8Array(2 * count);
     for (let i = 0; i < count; i++) {
-      albedo.set(light.albedo.subarray(3 * i, 3 * i + 3), 4 * i);
-      gloss[2 * i] = light.specular[i];
-      gloss[2 * i + 1] = light.power[i];
+      albedo.set(looks.albedo.subarray(3 * i, 3 * i + 3), 4 * i);
+      gloss[2 * i] = looks.specular[i];
+      gloss[2 * i + 1] = looks.power[i];
     }
-    for (const i of light.skin) albedo[4 * i + 3] = 255;
+    for (const i of looks.skin) albedo[4 * i + 3] = 255;
     this.array = gl.createVertexArray();
     gl.bindVertexArray(this.array);
     const add = (slot, size, kind, content) => {
@@ -222,7 +201,7 @@ class HeadView {
     this.moving = [
       [add(0, 3, gl.FLOAT, this.face.vertices), this.face.vertices],
       [add(1, 3, gl.FLOAT, this.face.normals), this.face.normals],
-      [add(2, 1, gl.FLOAT, this.face.reach), this.face.reach],
+      [add(2, 3, gl.FLOAT, this.face.reach), this.face.reach],
     ];
     add(3, 4, gl.UNSIGNED_BYTE, albedo);
     add(4, 2, gl.UNSIGNED_BYTE, gloss);
@@ -231,11 +210,11 @@ class HeadView {
     gl.bindVertexArray(null);
     const u = this.shader.uniforms;
     gl.useProgram(this.shader.program);
-    gl.uniform3fv(u.directions, light.directions.flat());
-    gl.uniform3fv(u.strengths, light.strengths.flat());
-    gl.uniform3fv(u.wrap, light.wrap);
-    gl.uniform3fv(u.above, light.above_light);
-    gl.uniform3fv(u.below, light.below_light);
+    gl.uniform3fv(u.directions, looks.directions.flat());
+    gl.uniform3fv(u.strengths, looks.strengths.flat());
+    gl.uniform3fv(u.wrap, looks.wrap);
+    gl.uniform3fv(u.above, looks.above);
+    gl.uniform3fv(u.below, looks.below);
   }
 
   // Fit the drawing buffer to the element.
@@ -251,9 +230,9 @@ class HeadView {
 
   // The closer, the nearer the mouth is to the middle (as in the movie).
   findMiddle() {
-    const lip = this.face ? this.face.mesh.light.lips[0] : null;
+    const lip = this.face ? this.face.mesh.lip : null;
     if (lip === null || this.zoom <= 1) return this.centre;
-    const mouth = this.face.rest.subarray(3 * lip, 3 * lip + 3), share = this.zoom ** -3;
+    const mouth = this.face.movement.rest.subarray(3 * lip, 3 * lip + 3), share = this.zoom ** -3;
     return this.centre.map((c, i) => mouth[i] + (c - mouth[i]) * share);
   }
 
@@ -316,7 +295,6 @@ class HeadView {
   drawFace(head, frame, frames) {
     const gl = this.gl;
     this.face.pose(head, frame, frames);
-    this.face.shade();
     gl.enable(gl.CULL_FACE);
     gl.useProgram(this.shader.program);
     gl.uniformMatrix4fv(this.shader.uniforms.camera, false, this.matrix);
