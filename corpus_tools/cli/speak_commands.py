@@ -21,7 +21,10 @@ _Model = Annotated[
     Option(
         "--model",
         metavar="FILE|NAME",
-        help="A trained model, or a kind: rule-based, cohen-massaro, …; repeatable: side by side.",
+        help=(
+            "A trained model, or a kind: rule-based, cart, …; repeatable: side by side. "
+            "By default cohen-massaro for sv, cs and en, rule-based for other languages."
+        ),
     ),
 ]
 _Language = Annotated[
@@ -111,8 +114,9 @@ def _speak(
 ) -> None:
     """Let a talking head say a text, labelled phones, or what was measured.
 
-    Models that are named by their kind are trained on simulated sentences of the language when
-    they are first used, and saved; `mocap-fit speak --prepare` trains them all beforehand.
+    The default model of sv, cs and en speaks at once. Others that are named by their kind are
+    trained on simulated sentences of the language when they are first used, which takes seconds
+    or minutes, and saved; `mocap-fit speak --prepare` trains them all beforehand.
     """
     from corpus_tools.cli import speak_printing
     from corpus_tools.talking import speak as speaking

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from corpus_tools.talking import speak_models
+from corpus_tools.talking import speak_models, voice_training
 from corpus_tools.tasks import TaskProgress
 from mocap_fit import control
-from mocap_fit.control import ControlModel
+from mocap_fit.control import CONTROL_MODELS, ControlModel
 from mocap_fit.corpus import Corpus
 from mocap_fit.processes import limit_to_one_thread
 
@@ -101,7 +101,7 @@ def prepare_voices(
     *,
     fresh: bool = False,
     check: bool = False,
-    utterances: int = speak_models.UTTERANCES,
+    utterances: int = voice_training.UTTERANCES,
     progress: TaskProgress | None = None,
 ) -> VoicesReport:
     """Train the models that `speak` and `stream` take by their names, and save them in the cache.
@@ -134,18 +134,29 @@ def prepare_voices(
     """
     voices: list[Voice] = []
     evaluations: dict[str, Evaluation] = {}
-    learning = [name for name in control.names() if name != speak_models.RULE_BASED]
-    for language in languages or speak_models.list_languages():
+    wanted = names or [name for name in control.names() if name != speak_models.RULE_BASED]
+    languages = languages or voice_training.list_languages()
+    to_train: dict[str, list[str]] = {}
+    for language in languages:
+        for name in wanted:
+            CONTROL_MODELS.get(name)
+            if fresh or speak_models.find_saved(name, language, utterances) is None:
+                to_train.setdefault(language, []).append(name)
+    if progress is not None and to_train:
+        time = voice_training.estimate_training(to_train)
+        count = sum(map(len, to_train.values()))
+        progress(f"training {count} model{'s' * (count > 1)}: {time}", 0, None)
+    for language in languages:
         corpora: dict[str, Corpus] = {}
         how: dict[str, Any] = {"utterances": utterances, "progress": progress}
         models = {
             name: speak_models.prepare_model(name, language, fresh=fresh, corpora=corpora, **how)
-            for name in names or learning
+            for name in wanted
         }
         scores: dict[str, dict[str, float]] = {}
         if check:
-            corpus = corpora.get(language) or speak_models.simulate_corpus(language, **how)
-            result = speak_models.score_models(corpus, models, progress=progress)
+            corpus = corpora.get(language) or voice_training.simulate_corpus(language, **how)
+            result = voice_training.score_models(corpus, models, progress=progress)
             evaluations[language] = result
             averages = result.compute_averages("rmse")[0][:, 0]
             scores = {
@@ -156,8 +167,7 @@ def prepare_voices(
                 for name, average in zip(result.models, averages, strict=True)
             }
         for name, model in models.items():
-            file = speak_models.locate_model(name, language, utterances)
-            saved = file if file.is_file() else None
+            saved = speak_models.find_saved(name, language, utterances)
             voices.append(Voice(name, language, model, saved, scores.get(name, {})))
         if check:
             rules = speak_models.RULE_BASED

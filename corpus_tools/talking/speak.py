@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from mocap_fit.evaluation import LipGaps
     from mocap_fit.render.framing import View
 
-DEFAULT_MODEL = "cohen-massaro"
 MEASURED = "measured"
 # Number of frames that another process must draw to be worth its start.
 _FRAMES_PER_PROCESS = 250
@@ -316,7 +315,7 @@ def _collect(
             )
         return speech, []
     if not models and source.tracks is None:
-        models = [choose_default(source.language)]
+        models = [speak_models.choose_default(source.language)]
     names, phone_set = rig.parameter_names, _choose_phone_set(source)
     chosen = [
         speak_models.find_model(name, source.language, phone_set, names, progress=progress)
@@ -348,23 +347,6 @@ def _find_extent(speech: _Speech, *, with_phones: bool) -> tuple[float, float]:
     if speech.sound is None:
         return min(starts), max(ends)
     return 0.0, max(*ends, speech.sound.duration)
-
-
-def choose_default(language: str) -> str:
-    """Return the name of the model that speaks when none is named.
-
-    Parameters
-    ----------
-    language
-        The language.
-
-    Returns
-    -------
-    str
-        A model that learns, or the rules where there are no sentences of the language.
-    """
-    is_known = language in speak_models.list_languages()
-    return DEFAULT_MODEL if is_known else speak_models.RULE_BASED
 
 
 def _choose_phone_set(source: Source) -> PhoneSet:

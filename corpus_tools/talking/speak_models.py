@@ -1,9 +1,11 @@
-"""The control models of `speak` and `stream`: files, rules, and trained ones in a cache.
+"""The control models of `speak` and `stream`: files, rules, shipped ones, trained ones in a cache.
 
 A kind of model is trained for a language on sentences that are simulated in memory (200 to learn
-from, 87 to score on, as many as Beskow had), and kept in the user's cache folder. What it was
-trained on is in the model and is said when it is used. Its name there depends on the code and the
-tables that it was made with, so that a newer version makes its own.
+from, 87 to score on, as many as Beskow had). The default of each language is shipped in the folder
+``voices``, where `fixtures/make_voices.py` writes it; others are trained when they are first asked
+for, and kept in the user's cache folder. What a model was trained on is in it and is said when it
+is used. Its name in the cache depends on the code and the tables that it was made with, so that a
+newer version makes its own.
 """
 
 from __future__ import annotations
@@ -11,101 +13,50 @@ from __future__ import annotations
 import hashlib
 import sys
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from corpus_tools.tasks import TaskProgress, count_steps
+from corpus_tools.talking.voice_training import (
+    MODEL_SETTINGS,
+    UTTERANCES,
+    estimate_training,
+    list_languages,
+    simulate_corpus,
+    train_model,
+)
+from corpus_tools.tasks import TaskProgress
 from mocap_fit import control
 from mocap_fit._version import __version__
-from mocap_fit.control import CONTROL_MODELS, ControlModel, LogEntry
-from mocap_fit.corpus import Corpus, Utterance
+from mocap_fit.control import CONTROL_MODELS, ControlModel
+from mocap_fit.corpus import Corpus
 from mocap_fit.errors import ConfigurationError, FileFormatError, MocapFitWarning
 from mocap_fit.face.builtin.cache import get_cache_folder
 from mocap_fit.phones import PhoneSet
-from mocap_fit.tracks import ParameterTracks
-
-if TYPE_CHECKING:
-    from mocap_fit.evaluation import Evaluation
 
 RULE_BASED = "rule-based"
-UTTERANCES = 287
-_RATE = 60.0
-_SEED = 7
-_SENTENCES, _SPEAKER, _SAID = 1, 2, 3
-# Settings for a talking head, whose lips close on every p, b and m.
-_LIPS = ("jaw_rotation", "upper_lip_raise", "lower_lip_depression")
-_SETTINGS: dict[str, dict[str, Any]] = {"cart": {"closures": dict.fromkeys(_LIPS, "learned")}}
+# Of those that close the lips when they are made to and whose files are small enough to be shipped,
+# it comes nearest to the simulated speakers in every language.
+DEFAULT_MODEL = "cohen-massaro"
+SHIPPED = Path(str(resources.files("corpus_tools.talking"))) / "voices"
 
 
-def list_languages() -> tuple[str, ...]:
-    """Return the languages that models can be trained for here.
-
-    Returns
-    -------
-    tuple[str, ...]
-        Such as ``sv``.
-    """
-    from corpus_tools.simulation.sentences import list_languages as known
-
-    return known()
-
-
-def simulate_corpus(
-    language: str, utterances: int = UTTERANCES, *, progress: TaskProgress | None = None
-) -> Corpus:
-    """Simulate sentences as one speaker says them, without markers or sound.
-
-    The splits are those of `mocap-fit simulate`: 87 of 287 are for the test.
+def choose_default(language: str) -> str:
+    """Return the name of the model that speaks when none is named.
 
     Parameters
     ----------
     language
         The language.
-    utterances
-        Number of sentences.
-    progress
-        Called with the task, the number of sentences done, and of all.
 
     Returns
     -------
-    Corpus
-        The sentences.
-
-    Raises
-    ------
-    ConfigurationError
-        If there are no sentences of the language.
+    str
+        A model that learns, or the rules where there are no sentences of the language.
     """
-    from corpus_tools.simulation.articulation import Articulator
-    from corpus_tools.simulation.durations import time_words as pronounce
-    from corpus_tools.simulation.sentences import load_language
-    from corpus_tools.simulation.simulate import is_test
-    from mocap_fit.face import load_face
-
-    known = load_language(language)
-    face = load_face()
-    sentences = known.draw_sentences(utterances, np.random.default_rng([_SEED, _SENTENCES]))
-    speaker = Articulator(face, known.phone_set, np.random.default_rng([_SEED, _SPEAKER]))
-    spoken = []
-    advance = count_steps(progress, f"simulating {language} sentences", utterances)
-    for i, sentence in enumerate(sentences):
-        timing, moving = np.random.default_rng([_SEED, _SAID, i]).spawn(2)
-        name = f"sim{i + 1:03d}"
-        phones = pronounce(sentence.words, known.phone_set, timing, name=name, start=0.1, end=0.1)
-        times = np.arange(int(np.floor(phones[len(phones) - 1].end * _RATE))) / _RATE
-        values = speaker.say(phones, times, moving)
-        tracks = ParameterTracks(face.parameter_names, _RATE, values, name=name)
-        phones = phones.replace(phone_set=known.phone_set.name)
-        split, text = "test" if is_test(i) else "train", sentence.text
-        spoken.append(
-            Utterance.from_tracks(tracks, phones, split=split, speaker="simulated", text=text)
-        )
-        advance()
-    return Corpus.from_utterances(spoken, known.phone_set, language=language, face="built-in")
+    return DEFAULT_MODEL if language in list_languages() else RULE_BASED
 
 
 def get_folder() -> Path:
@@ -136,13 +87,37 @@ def locate_model(name: str, language: str, utterances: int = UTTERANCES) -> Path
     Path
         The file.
     """
-    settings = _SETTINGS.get(name, {})
+    settings = MODEL_SETTINGS.get(name, {})
     origin = f"{__version__} {np.__version__} {utterances} {settings}"
     digest = hashlib.sha256(origin.encode())
     for path in _list_sources(name):
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
     return get_folder() / f"{name}-{language}-{digest.hexdigest()[:12]}.model"
+
+
+def find_saved(name: str, language: str, utterances: int = UTTERANCES) -> Path | None:
+    """Find the file of a trained model: shipped, or in the cache.
+
+    Parameters
+    ----------
+    name
+        Name of a control model.
+    language
+        The language.
+    utterances
+        Number of sentences that it is trained and tested on.
+
+    Returns
+    -------
+    Path or None
+        The file; None where the model is to be trained.
+    """
+    shipped = SHIPPED / f"{name}-{language}.model"
+    if utterances == UTTERANCES and shipped.is_file():
+        return shipped
+    path = locate_model(name, language, utterances)
+    return path if path.is_file() else None
 
 
 def prepare_model(
@@ -154,7 +129,7 @@ def prepare_model(
     corpora: dict[str, Corpus] | None = None,
     progress: TaskProgress | None = None,
 ) -> ControlModel:
-    """Return the model of a kind for a language: from the cache, or trained now.
+    """Return the model of a kind for a language: shipped, from the cache, or trained now.
 
     Parameters
     ----------
@@ -165,7 +140,7 @@ def prepare_model(
     utterances
         Number of sentences that it is trained and tested on.
     fresh
-        Whether it is trained again where one is in the cache.
+        Whether it is trained again where one is shipped, or in the cache.
     corpora
         Simulated corpora by language, to which a new one is added.
     progress
@@ -183,7 +158,7 @@ def prepare_model(
     ConfigurationError
         If there are no sentences of the language.
     """
-    model = control.create(name, **_SETTINGS.get(name, {}))
+    CONTROL_MODELS.get(name)
     if language not in list_languages():
         raise ConfigurationError(
             f"the model '{name}' cannot be trained for the language '{language}': there are no "
@@ -191,27 +166,20 @@ def prepare_model(
             expected=f"one of {', '.join(list_languages())}",
             advice=f"Give the file of a trained model, or take the model '{RULE_BASED}'.",
         )
-    path = locate_model(name, language, utterances)
-    if not fresh and path.is_file():
+    saved = None if fresh else find_saved(name, language, utterances)
+    if saved is not None:
         try:
-            return control.load(path)
+            return control.load(saved)
         except FileFormatError as error:
             warnings.warn(f"{error} It is made again.", MocapFitWarning, stacklevel=2)
     corpora = {} if corpora is None else corpora
+    if progress is not None:
+        time = estimate_training({language: [name]})
+        progress(f"training {name} for {language}, for this time and later ones: {time}", 0, None)
     if language not in corpora:
         corpora[language] = simulate_corpus(language, utterances, progress=progress)
-    from corpus_tools.training.train import format_entry, split_training
-
-    training, held_out = split_training(corpora[language], "clean")
-    show = progress or (lambda task, done, total: None)
-    count = f"{len(training)} simulated sentences of {language}"
-    show(f"training {name} on {count}; it is kept for the next time", 0, None)
-
-    def show_entry(entry: LogEntry) -> None:
-        show(format_entry(f"training {name}", entry), entry.iteration + 1, None)
-
-    model.fit(training, held_out, progress=show_entry)
-    model.trained_on_ |= {"corpus": f"simulated-{language}", "seed": _SEED}
+    model = train_model(name, corpora[language], progress=progress)
+    path = locate_model(name, language, utterances)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         model.save(path)
@@ -219,34 +187,6 @@ def prepare_model(
         message = f"the model could not be saved for the next time: {error}"
         warnings.warn(message, MocapFitWarning, stacklevel=2)
     return model
-
-
-def score_models(
-    corpus: Corpus, models: Mapping[str, ControlModel], *, progress: TaskProgress | None = None
-) -> Evaluation:
-    """Score models, and the rule-based one, on the test sentences of a simulated corpus.
-
-    Parameters
-    ----------
-    corpus
-        From `simulate_corpus`.
-    models
-        Models that were trained on it, by name.
-    progress
-        Called with the task, the number of sentences done, and of all.
-
-    Returns
-    -------
-    Evaluation
-        The scores.
-    """
-    from mocap_fit.control.rule_based import RuleBased
-    from mocap_fit.evaluation import evaluate
-
-    rules = RuleBased().prepare(corpus.phone_set, corpus.parameter_names)
-    test = corpus.get_split("test")
-    advance = count_steps(progress, "scoring sentences", len(test))
-    return evaluate(test, {RULE_BASED: rules, **models}, resamples=200, progress=advance)
 
 
 def find_model(

@@ -2,8 +2,8 @@
 
 import pytest
 
-from corpus_tools.talking import speak_models
 from corpus_tools.talking.prepare_voices import prepare_voices
+from corpus_tools.talking.voice_training import list_languages, simulate_corpus
 from mocap_fit.evaluation import measure_gaps
 from mocap_fit.evaluation.closure import CLOSED
 from mocap_fit.face import load_face
@@ -24,7 +24,7 @@ def test_lips_close_over_the_test_sentences_of_each_language(language):
     assert min(closed.values()) >= 0.7
     # What is spoken closes always, in pictures at a low rate as well.
     face = load_face()
-    corpus = speak_models.simulate_corpus(language, SENTENCES)
+    corpus = simulate_corpus(language, SENTENCES)
     models = [voice.model for voice in report.voices if voice.model is not None]
     count = 0
     for utterance in corpus.get_split("test").utterances[:15]:
@@ -39,4 +39,4 @@ def test_lips_close_over_the_test_sentences_of_each_language(language):
 
 
 def test_there_are_sentences_of_three_languages():
-    assert set(speak_models.list_languages()) >= {"cs", "en", "sv"}
+    assert set(list_languages()) >= {"cs", "en", "sv"}

@@ -12,8 +12,14 @@ from corpus_tools.cli import app as cli
 from corpus_tools.cli import speak_printing
 from corpus_tools.talking import speak_models
 from corpus_tools.talking.prepare_voices import prepare_voices
-from corpus_tools.talking.speak import DEFAULT_MODEL, choose_default
+from corpus_tools.talking.speak_models import DEFAULT_MODEL, choose_default
 from corpus_tools.talking.stream import stream
+from corpus_tools.talking.voice_training import (
+    estimate_training,
+    list_languages,
+    simulate_corpus,
+    train_model,
+)
 from mocap_fit.control.rule_based import RuleBased
 from mocap_fit.errors import FileFormatError, MocapFitWarning
 from mocap_fit.labels import to_labels, write_labels
@@ -304,8 +310,8 @@ class TestLabelsAndTracks:
 
 class TestModels:
     def test_a_simulated_corpus_is_what_it_says(self):
-        corpus = speak_models.simulate_corpus("sv", 6)
-        again = speak_models.simulate_corpus("sv", 3)
+        corpus = simulate_corpus("sv", 6)
+        again = simulate_corpus("sv", 3)
         assert corpus.splits == ("test", "train")
         assert corpus.language == "sv"
         np.testing.assert_array_equal(
@@ -331,7 +337,7 @@ class TestModels:
         assert not seen
         assert "simulated-sv" in speak_models.describe_model(second)
         assert second.trained_on_ == first.trained_on_
-        phones = speak_models.simulate_corpus("sv", 1)["sim001"].read_phones()
+        phones = simulate_corpus("sv", 1)["sim001"].read_phones()
         np.testing.assert_array_equal(first.predict(phones).values, second.predict(phones).values)
 
     @pytest.mark.slow
@@ -373,9 +379,44 @@ class TestModels:
         }
         assert len(names) == 4
 
-    def test_the_default_speaks_every_language(self):
-        assert choose_default("sv") == DEFAULT_MODEL
+    def test_the_default_speaks_every_language(self, cache, capsys):
+        for language in list_languages():
+            assert choose_default(language) == DEFAULT_MODEL
+            # As it is shipped: nothing is trained, or written into the cache.
+            model = speak_models.prepare_model(DEFAULT_MODEL, language)
+            assert model.trained_on_["corpus"] == f"simulated-{language}"
+        assert not cache.exists()
         assert choose_default("de") == "rule-based"
+        assert run("speak", "--help") == 0
+        helped = " ".join(capsys.readouterr().out.replace("│", " ").split())
+        assert f"By default {DEFAULT_MODEL}" in helped
+
+    def test_shipped_voices_are_small(self):
+        files = list(speak_models.SHIPPED.iterdir())
+        assert len(files) == len(list_languages())
+        assert sum(file.stat().st_size for file in files) < 5_000_000
+
+    @pytest.mark.slow
+    def test_shipped_voices_are_what_the_script_makes(self):
+        """fixtures/make_voices.py, run again after the head or the simulation has changed."""
+        corpus = simulate_corpus("cs")
+        shipped = speak_models.prepare_model(DEFAULT_MODEL, "cs")
+        again = train_model(DEFAULT_MODEL, corpus)
+        for utterance in corpus.get_split("test").utterances[:10]:
+            phones = utterance.read_phones()
+            np.testing.assert_allclose(
+                again.predict(phones).values, shipped.predict(phones).values, atol=1e-6
+            )
+
+    def test_how_long_training_takes_is_known_beforehand(self, cache):
+        assert estimate_training({"sv": ["mean"]}).startswith("about 10 seconds")
+        assert estimate_training({"sv": ["ann"], "cs": ["ann-ensemble"]}).startswith("about 4 m")
+        seen = []
+        prepare_voices(
+            ["sv"], ["mean"], utterances=6, progress=lambda task, done, total: seen.append(task)
+        )
+        assert seen[0].startswith("training 1 model: about 10 seconds")
+        assert seen[1].startswith("training mean for sv")
 
 
 class TestStream:
