@@ -168,7 +168,7 @@ class Weight(StrictModel):
     """The share of a transform that each vertex takes.
 
     Either a falloff round a centre, or a smooth field through known values; then multiplied by
-    other weights, and set on complete parts, those that the mesh has.
+    other weights, and set on complete parts and regions, those that the mesh has.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ class Weight(StrictModel):
     multiply
         Names of weights that it is multiplied by; ``"1 - NAME"`` for one minus a weight.
     parts
-        Part → the value of all its vertices, 0 to 1.
+        Part or region → the value of all its vertices, 0 to 1.
     """
 
     on: str = "skin"

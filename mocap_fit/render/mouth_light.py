@@ -9,10 +9,12 @@ from mocap_fit.face.mesh import IndexArray, Mesh
 from mocap_fit.tracks import FloatArray
 
 _PARTS = ("teeth_upper", "teeth_lower", "gums_upper", "gums_lower", "tongue")
-_REGIONS = ("mouth_bag_upper", "mouth_bag_lower", "mouth_floor", "mouth_roof")
-# Red, green and blue light that walls pass on to where the lips hide the outside, and how the rest
-# grows with the part of the outside that is seen: walls make it count for more than its size.
+_REGIONS = ("mouth_bag_upper", "mouth_bag_lower", "wet_lip")
+# Red, green and blue light that walls pass on to where the lips hide the outside when they are open
+# so far (mm), and the share of it when they are closed. The rest grows with the part of the outside
+# that is seen; walls make it count for more than its size.
 _LEAST = np.array([0.28, 0.19, 0.175])
+_WIDE_OPEN, _CLOSED = 10.0, 0.3
 _GAIN, _POWER = 1.9, 0.62
 # Over this distance (mm) what is far from the middle sees the mouth's opening from the middle.
 _SIDEWAYS = 28.0
@@ -72,7 +74,9 @@ class MouthLight:
             width = np.arctan((left - x) / away) - np.arctan((right - x) / away)
         seen = np.clip(_GAIN * height * width / np.pi**2, 0.0, 1.0) ** _POWER
         seen = np.where(depth > 0, seen, 1.0)[:, None]
-        light[self._inside] = _LEAST + (1 - _LEAST) * seen
+        opening = np.clip((upper[:, 1].max() - lower[:, 1].min()) / _WIDE_OPEN, 0.0, 1.0)
+        least = _LEAST * (_CLOSED + (1 - _CLOSED) * opening)
+        light[self._inside] = least + (1 - least) * seen
         return light
 
 

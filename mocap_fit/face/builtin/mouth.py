@@ -37,10 +37,10 @@ _CONTACT_LINE = np.array([-0.6, 0.35, 0.55, -0.35, 0.55, 0.35, -0.6])
 _WALLS = [
     ((16.0, 68.0), (10.0, 66.0), (-16.0, 66.0)),
     ((25.0, 60.0), (19.0, 54.0), (-23.0, 56.0)),
-    ((30.5, 47.0), (22.0, 36.0), (-24.0, 40.0)),
-    ((29.8, 32.0), (21.0, 18.0), (-22.0, 22.0)),
+    ((31.5, 47.0), (22.0, 36.0), (-24.0, 40.0)),
+    ((30.6, 32.0), (21.0, 18.0), (-22.0, 22.0)),
     ((27.0, 19.0), (17.0, 4.0), (-19.0, 7.0)),
-    ((23.8, 11.5), (13.5, -1.2), (-15.5, 1.0)),
+    ((23.8, 10.3), (13.5, -1.2), (-15.5, 1.0)),
 ]
 # Share of red, green and blue light that reaches the back of the mouth, and how deep it is (mm).
 _LIGHT_AT_THE_BACK = np.array([0.60, 0.53, 0.49])
@@ -159,12 +159,12 @@ def _build_inner_rings(
     rings = [Ring("bag", _trace_wall(side, fullness, corner_share, *row)) for row in _WALLS]
     front = compute_front_depth()
     against_teeth = front + _BEHIND_THE_LIPS - 0.0125 * x**2 - 1.8e-5 * x**4
-    back = np.maximum(against_teeth, z - _LIP_THICKNESS - 1.0)
+    back = np.maximum(against_teeth, z - _LIP_THICKNESS - 1.0 + 1.5 * fold)
     for inwards, up, behind in (
         (0.07, side * np.where(side > 0, 6.0, 6.5) * fullness, 1.0),
-        # Both fall from where the lips meet: the upper lip hides the teeth behind it when the jaw
-        # slides aside and the lips part a little.
-        (0.035, np.where(side > 0, -0.6, -1.5) * fullness, 0.6),
+        # Both fall from where the lips meet, and overlap there: no look comes in between them from
+        # before or above, and the upper lip hides the teeth when the jaw slides aside.
+        (0.035, np.where(side > 0, -1.3, -1.15) * fullness**0.5, 0.6),
     ):
         rings.append(
             Ring(
@@ -188,7 +188,7 @@ def _trace_wall(
     y = np.where(upper, above[0], below[0]) * fullness**0.9
     depth = compute_front_depth() - np.where(upper, above[1], below[1])
     z = compute_front_depth() - cheek[1]
-    return np.stack([cheek[0] * corner_share**0.8, y, z + (depth - z) * fullness**2], axis=1)
+    return np.stack([cheek[0] * corner_share**0.6, y, z + (depth - z) * fullness**2], axis=1)
 
 
 def _build_lip_rings(

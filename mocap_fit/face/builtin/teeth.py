@@ -39,7 +39,7 @@ _UPPER_EDGES = [-2.5, -1.9, -2.6, -1.7, -1.3, -1.0, -0.8]
 _LOWER_WIDTHS = [5.3, 5.8, 6.9, 7.1, 7.2, 11.0, 10.4]
 _LOWER_DEPTHS = [6.0, 6.3, 7.4, 7.7, 8.2, 10.4, 10.0]
 _LOWER_HEIGHTS = [8.8, 9.2, 10.4, 8.6, 8.0, 7.4, 7.0]
-_LOWER_EDGES = [-2.9, -2.9, -2.6, -2.3, -2.3, -2.2, -2.1]
+_LOWER_EDGES = [-2.9, -2.9, -2.3, -2.3, -1.9, -1.5, -1.5]
 _INCISOR, _CANINE, _PREMOLAR, _MOLAR = "incisor", "canine", "premolar", "molar"
 _KINDS = [_INCISOR, _INCISOR, _CANINE, _PREMOLAR, _PREMOLAR, _MOLAR, _MOLAR]
 
@@ -188,7 +188,7 @@ def _trace_section(
     def round_off(value: FloatArray) -> FloatArray:
         return np.asarray(np.sign(value) * np.abs(value) ** square)
 
-    across = half_width[:, None] * round_off(np.cos(angle))
+    across = half_width[:, None] * round_off(np.cos(angle) / np.cos(angle[0]))
     out = 0.5 * (outer + inner)[:, None] + 0.5 * (outer - inner)[:, None] * round_off(np.sin(angle))
     return across, out
 
