@@ -15,7 +15,7 @@ _REGIONS = ("mouth_bag_upper", "mouth_bag_lower", "wet_lip")
 # that is seen; walls make it count for more than its size.
 _LEAST = np.array([0.28, 0.19, 0.175])
 _WIDE_OPEN, _CLOSED = 10.0, 0.3
-_GAIN, _POWER = 1.9, 0.62
+_GAIN, _POWER = 2.6, 0.62
 # Over this distance (mm) what is far from the middle sees the mouth's opening from the middle.
 _SIDEWAYS = 28.0
 

@@ -375,7 +375,7 @@ def turned_away(rig: Rig, vertices: np.ndarray) -> np.ndarray:
     inside = np.zeros(len(mesh.vertices), dtype=bool)
     for name in ("mouth_bag_upper", "mouth_bag_lower"):
         inside[mesh.get_region(name)] = True
-    triangles = triangles[~inside[triangles].all(axis=1)]
+    triangles = triangles[~inside[triangles].any(axis=1)]
     directions = []
     for shape in (mesh.vertices, vertices):
         a, b, c = (shape[triangles[:, i]] for i in range(3))

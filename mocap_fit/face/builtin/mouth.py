@@ -164,7 +164,7 @@ def _build_inner_rings(
         (0.07, side * np.where(side > 0, 6.0, 6.5) * fullness, 1.0),
         # Both fall from where the lips meet, and overlap there: no look comes in between them from
         # before or above, and the upper lip hides the teeth when the jaw slides aside.
-        (0.035, np.where(side > 0, -1.3, -1.15) * fullness**0.5, 0.6),
+        (0.035, np.where(side > 0, -1.3, -1.15) * fullness**0.9, 0.6),
     ):
         rings.append(
             Ring(
