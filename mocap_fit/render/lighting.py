@@ -36,11 +36,12 @@ _FROM_ABOVE = np.array([0.40, 0.42, 0.44], dtype=np.float32)
 _FROM_BELOW = np.array([0.235, 0.205, 0.19], dtype=np.float32)
 # Skin is translucent: it is lit a little beyond where light meets it, red light the farthest.
 _WRAP = np.array([0.22, 0.10, 0.07], dtype=np.float32)
-# Number of lights with highlights on wet lips, teeth and eyes.
-_HIGHLIGHTS = 2
 # The chin's shadow on the throat: how dark, and how far it reaches to the sides, down, back (mm).
 _SHADOW = 0.34
 _SHADOW_SIZE = np.array([44.0, 40.0, 60.0], dtype=np.float32)
+# Regions of the skin that shine more, or less, than the rest, and how far that fades (edges).
+_SHINY = {"nose": 0.36, "forehead": 0.22, "chin": 0.17, "eyelids_left": 0.2, "eyelids_right": 0.2}
+_FADING = 4
 
 
 class Lighting:
@@ -55,7 +56,9 @@ class Lighting:
     def __init__(self, mesh: Mesh) -> None:
         self._triangles = mesh.triangles
         self._sum_around = _build_triangle_sums(mesh.triangles, len(mesh.vertices))
-        self._albedo, self._specular, self._power = _read_materials(mesh)
+        self._albedo, specular, self._power = _read_materials(mesh, self._sum_around)
+        # The sharper a highlight, the brighter.
+        self._gloss = specular * np.sqrt(self._power / 30.0)
         self._wrapped = np.flatnonzero(_find_skin(mesh))
         self._mouth = MouthLight(mesh)
         self._chin = mesh.feature_points.get("2.1")
@@ -166,18 +169,16 @@ class Lighting:
     def _compute_highlights(
         self, positions: Single, normals: Single, facing: Single, camera: Single
     ) -> Single:
-        """Return the highlights of the strongest lights, ``(vertices,)`` (Blinn 1977)."""
+        """Return the highlight of the key light, ``(vertices,)`` (Blinn 1977)."""
         towards = camera - positions
         towards /= np.sqrt(np.einsum("ij,ij->i", towards, towards))[:, None]
+        halfway = towards + self._directions[0]
+        along = np.einsum("ij,ij->i", normals, halfway)
+        along /= np.sqrt(np.einsum("ij,ij->i", halfway, halfway))
         shine = np.zeros(len(positions), dtype=np.float32)
-        for light in range(_HIGHLIGHTS):
-            halfway = towards + self._directions[light]
-            along = np.einsum("ij,ij->i", normals, halfway)
-            along /= np.sqrt(np.einsum("ij,ij->i", halfway, halfway))
-            lit = (along > 0.5) & (facing[:, light] > 0.0)
-            strength = float(self._strengths[light].mean())
-            shine[lit] += strength * self._specular[lit] * along[lit] ** self._power[lit]
-        return shine
+        lit = (along > 0.5) & (facing[:, 0] > 0.0)
+        shine[lit] = self._gloss[lit] * along[lit] ** self._power[lit]
+        return shine * float(self._strengths[0].mean())
 
 
 def _build_triangle_sums(triangles: IndexArray, vertices: int) -> sparse.csr_array:
@@ -187,7 +188,7 @@ def _build_triangle_sums(triangles: IndexArray, vertices: int) -> sparse.csr_arr
     return sparse.csr_array((ones, (triangles.ravel(), members)), shape=(vertices, len(triangles)))
 
 
-def _read_materials(mesh: Mesh) -> tuple[Single, Single, Single]:
+def _read_materials(mesh: Mesh, sums: sparse.csr_array) -> tuple[Single, Single, Single]:
     """Return colours ``(vertices, 3)``, strength and sharpness of highlights ``(vertices,)``."""
     count = len(mesh.vertices)
     colours = np.empty((count, 3), dtype=np.float32)
@@ -200,6 +201,14 @@ def _read_materials(mesh: Mesh) -> tuple[Single, Single, Single]:
         power[members] = max(part.material.specular_power, 1.0)
     if mesh.colours is not None:
         colours[:] = mesh.colours
+    # Nose and forehead shine; where they end, the shine fades.
+    for name, gloss in _SHINY.items():
+        if name in mesh.regions:
+            specular[mesh.get_region(name)] = gloss
+    skin = _find_skin(mesh)
+    around = (sums @ sums.T).astype(np.float32)
+    for _ in range(_FADING):
+        specular[skin] = (around @ specular / np.maximum(around.sum(axis=1), 1))[skin]
     # Lips are moist, and wet inside.
     for name, strength, sharpness in (
         ("upper_lip", 0.22, 24.0),

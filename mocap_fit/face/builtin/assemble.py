@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mocap_fit.face.builtin import brows, eyes, landmarks, teeth
+from mocap_fit.face.builtin import brows, eyes, hair, landmarks, shirt, teeth
 from mocap_fit.face.builtin.gums import build_gums
 from mocap_fit.face.builtin.regions import find_skin_regions, paint_skin
 from mocap_fit.face.builtin.skin import build_skin
@@ -15,9 +15,11 @@ MATERIALS = {
     "teeth": Material((0.93, 0.91, 0.85), specular=0.4, specular_power=40),
     "gums": Material((0.72, 0.38, 0.38), specular=0.25, specular_power=25),
     "tongue": Material((0.74, 0.38, 0.38), specular=0.2, specular_power=20),
-    "eye": Material((0.93, 0.92, 0.90), specular=0.8, specular_power=90),
-    "brow": Material((0.25, 0.17, 0.12), specular=0.0, specular_power=1),
-    "lashes": Material((0.10, 0.07, 0.06), specular=0.0, specular_power=1),
+    "eye": Material((0.84, 0.815, 0.79), specular=1.0, specular_power=240),
+    "brow": Material(brows.BROW, specular=0.0, specular_power=1),
+    "lashes": Material((0.10, 0.07, 0.055), specular=0.0, specular_power=1),
+    "hair": Material(hair.HAIR, specular=0.16, specular_power=18),
+    "shirt": Material(shirt.SHIRT, specular=0.0, specular_power=1),
 }
 
 
@@ -44,6 +46,8 @@ def build_head() -> Mesh:
         "brow_right": brow.mirror(),
         "lashes_left": lashes,
         "lashes_right": lashes.mirror(),
+        "hair": hair.build_hair(),
+        "shirt": shirt.build_shirt(),
     }
     head = join_pieces(list(pieces.values()))
     parts = _make_parts(pieces)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_fit.face.builtin import brows, mouth, skull
+from mocap_fit.face.builtin import brows, hair, mouth, skull
 from mocap_fit.face.builtin.skin import Skin
 from mocap_fit.face.builtin.surfaces import (
     Colour,
     Mask,
     compute_bump,
+    compute_hill,
     measure_path_distance,
     smoothstep,
 )
@@ -21,22 +22,21 @@ _BAG_SIDE = 5
 SIDED = ("jaw", "cheek", "brow_skin", "eyelids", "ear")
 _JAW_LINE = [(21.0, -30.0), (40.0, -18.0), (56.0, 2.0), (66.0, 22.0)]
 
-# Azimuth × 70 and height.
-_HAIRLINE = [
-    (0.0, 123.0),
-    (17.5, 126.0),
-    (35.0, 125.5),
-    (52.5, 119.0),
-    (66.5, 108.0),
-    (80.5, 96.0),
-    (88.9, 78.0),
-    (95.2, 56.0),
-    (119.0, 46.0),
-    (136.5, 20.0),
-    (168.0, 2.0),
-    (224.0, -10.0),
-]
-
+# Tints of the face: share, middle and widths (mm; both sides), colour.
+_TINTS: tuple[tuple[float, tuple[float, float], tuple[float, float], Colour], ...] = (
+    (0.30, (0, 104), (44, 22), (0.945, 0.79, 0.66)),  # forehead
+    (0.24, (37, 28), (14, 13), (0.92, 0.55, 0.49)),  # cheek
+    (0.20, (54, 22), (13, 16), (0.90, 0.58, 0.51)),  # farther out
+    (0.34, (0, 28), (11, 7), (0.90, 0.54, 0.48)),  # tip of the nose
+    (0.20, (13, 25), (5, 5), (0.84, 0.48, 0.43)),  # its wings
+    (0.30, (30, 66), (14, 8), (0.78, 0.53, 0.47)),  # eye socket
+    (0.32, (17, 63), (6, 8), (0.72, 0.47, 0.43)),  # its inner corner
+    (0.22, (29, 53.5), (9, 3.0), (0.74, 0.53, 0.51)),  # below the eye
+    (0.16, (0, -33), (13, 9), (0.90, 0.57, 0.51)),  # chin
+    (0.22, (0, -15), (15, 4.5), (0.80, 0.53, 0.46)),  # below the lower lip
+    (0.20, (27.5, -1), (4, 5), (0.74, 0.47, 0.42)),  # corners of the mouth
+)
+_BEARD = 0.13
 _SKIN: Colour = (0.93, 0.76, 0.665)
 _LIP: Colour = (0.80, 0.50, 0.47)
 # The wet inner rim of the lips, where they meet and behind.
@@ -154,10 +154,17 @@ def paint_skin(skin: Skin) -> FloatArray:
     def blend_colour(share: FloatArray, colour: Colour) -> None:
         colours[:] += np.clip(share, 0, 1)[:, None] * (np.array(colour) - colours)
 
-    blend_colour(0.16 * compute_bump(x, y, (37, 30), (15, 13)) * front, (0.93, 0.55, 0.50))
-    blend_colour(0.20 * compute_bump(x, y, (0, 28), (13, 8)) * front, (0.90, 0.53, 0.48))
-    blend_colour(0.28 * compute_bump(x, y, (30, 63), (15, 9)) * front, (0.78, 0.52, 0.46))
-    blend_colour(0.55 * _compute_hair(skin), (0.33, 0.25, 0.20))
+    for share, centre, widths, colour in _TINTS:
+        blend_colour(share * compute_bump(x, y, centre, widths) * front, colour)
+    blend_colour(_BEARD * _compute_beard(x, y) * front, (0.66, 0.575, 0.53))
+    blend_colour(0.35 * (skin.kinds == "ear"), (0.88, 0.54, 0.47))
+    for ring, dark in zip(skin.ear[-8:], np.linspace(0.05, 0.55, 8), strict=True):
+        colours[_add_mirrored(skin, ring)] *= 1 - dark
+    brow_path = [tuple(point) for point in brows.trace_brow(np.linspace(0, 1, 12)).tolist()]
+    near_brow = compute_hill(measure_path_distance(x, y, brow_path)[0], 0.0, 2.0) * front
+    blend_colour(0.5 * near_brow, brows.BROW)
+    blend_colour(_compute_hair(skin), hair.HAIR)
+    colours *= 1 + 0.022 * _compute_mottle(skin.vertices)[:, None] * [0.6, 1.0, 1.0]
     by_kind = {
         "inner_lip": _INNER_LIP,
         "contact": _INNER_LIP,
@@ -182,6 +189,23 @@ def _colour_lips(skin: Skin, colours: FloatArray) -> None:
         colours[_add_mirrored(skin, ring)] = shade
 
 
+def _compute_beard(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return where a shaven beard would show, 0 to 1."""
+    moustache = compute_bump(x, y, (9, 14), (12, 4.5))
+    chin = compute_bump(x, y, (0, -34), (26, 13))
+    jaw = compute_bump(x, y, (52, -8), (14, 20))
+    return np.asarray(np.clip(moustache + chin + jaw, 0, 1))
+
+
+def _compute_mottle(vertices: FloatArray) -> FloatArray:
+    """Return the unevenness of skin, about -1 to 1: a few waves of 10 to 30 mm that cross."""
+    waves = np.array(
+        [[0.21, 0.13, 0.09], [-0.17, 0.27, 0.11], [0.33, -0.29, 0.2], [0.45, 0.38, -0.31]]
+    )
+    folded = np.abs(vertices * [1, 0, 0]) + vertices * [0, 1, 1]
+    return np.asarray(np.sin(folded @ waves.T + [0.4, 1.9, 3.1, 4.6]).mean(axis=1) * 2)
+
+
 def _colour_bag(skin: Skin, colours: FloatArray) -> None:
     """Colour the mouth's bag: cheeks in front, darker towards the throat."""
     bag = np.flatnonzero(skin.kinds == "bag")
@@ -193,12 +217,8 @@ def _colour_bag(skin: Skin, colours: FloatArray) -> None:
 
 def _compute_hair(skin: Skin) -> FloatArray:
     """Return where hair would grow, 0 to 1: a close-cropped head."""
-    on_head = np.isfinite(skin.azimuths)
-    around = 70 * np.abs(skin.azimuths[on_head])
-    distance, side, _ = measure_path_distance(around, skin.vertices[on_head, 1], _HAIRLINE)
-    grown = np.zeros(len(on_head))
-    grown[on_head] = smoothstep((distance * side + 7) / 15)
-    return grown
+    depth = hair.measure_hair_depth(np.nan_to_num(skin.azimuths), np.nan_to_num(skin.levels))
+    return np.where(np.isfinite(skin.azimuths), smoothstep((depth + 5) / 9), 0.0)
 
 
 def _colour_lids(skin: Skin, colours: FloatArray) -> None:

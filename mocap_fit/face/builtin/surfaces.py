@@ -112,12 +112,13 @@ def triangulate_grid(rows: int, columns: int) -> IndexArray:
 
 
 def triangulate_strip(outer: IndexArray, inner: IndexArray, *, closed: bool = True) -> IndexArray:
-    """Triangulate the strip between two rings of equally many vertices.
+    """Triangulate the strip between two rings of equally many vertices, or twice as many inside.
 
     Parameters
     ----------
     outer, inner
-        Vertex indices of the rings, ``(points,)`` each; `outer` counter-clockwise.
+        Vertex indices of the rings, ``(points,)`` each; `outer` counter-clockwise. A closed inner
+        one may have ``(2 × points,)``.
     closed
         Whether the last vertices are joined to the first.
 
@@ -126,6 +127,11 @@ def triangulate_strip(outer: IndexArray, inner: IndexArray, *, closed: bool = Tr
     ndarray
         Vertex indices, ``(triangles, 3)``.
     """
+    if len(inner) == 2 * len(outer):
+        following, middle = np.roll(outer, -1), inner[1::2]
+        corners = [(outer, middle, inner[::2]), (outer, following, middle)]
+        corners.append((following, np.roll(inner, -2)[::2], middle))
+        return np.concatenate([np.stack(three, axis=1) for three in corners])
     if closed:
         next_outer, next_inner = np.roll(outer, -1), np.roll(inner, -1)
     else:
