@@ -166,8 +166,8 @@ class _Document:
         self._file.materials.append(
             lib.Material(
                 name=part.name,
-                # Brows and lashes are open sheets.
-                doubleSided=part.name.startswith(("brow", "lashes")),
+                # Lashes are seen from both sides.
+                doubleSided=part.name.startswith("lashes"),
                 pbrMetallicRoughness=lib.PbrMetallicRoughness(
                     baseColorFactor=[*colour, 1.0],
                     metallicFactor=0.0,

@@ -54,11 +54,12 @@ class Lighting:
     """
 
     def __init__(self, mesh: Mesh) -> None:
-        self._triangles = mesh.triangles
+        # Corner by corner, which is three times as fast to gather.
+        self._corners = np.ascontiguousarray(mesh.triangles.T)
         self._sum_around = _build_triangle_sums(mesh.triangles, len(mesh.vertices))
-        self._albedo, specular, self._power = _read_materials(mesh, self._sum_around)
+        self._albedo, self._specular, self._power = _read_materials(mesh, self._sum_around)
         # The sharper a highlight, the brighter.
-        self._gloss = specular * np.sqrt(self._power / 30.0)
+        self._gloss = self._specular * np.sqrt(self._power / 30.0)
         self._wrapped = np.flatnonzero(_find_skin(mesh))
         self._mouth = MouthLight(mesh)
         self._chin = mesh.feature_points.get("2.1")
@@ -67,11 +68,9 @@ class Lighting:
             # As far as an opening jaw can move it.
             height = mesh.vertices[:, 1] < mesh.vertices[self._chin, 1] + 12.0
             self._below = np.flatnonzero(height & _find_skin(mesh))
-        directions = np.array([direction for direction, _, _ in _LIGHTS], dtype=np.float32)
-        self._directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-        self._strengths = np.array(
-            [np.multiply(intensity, colour) for _, intensity, colour in _LIGHTS], dtype=np.float32
-        )
+        key, strength, _ = _LIGHTS[0]
+        self._key, self._strength = np.array(key, dtype=np.float32) / np.linalg.norm(key), strength
+        self._light, self._light_on_skin = _expand_light(0.0 * _WRAP), _expand_light(_WRAP)
 
     def compute_colours(self, vertices: FloatArray, camera: ArrayLike) -> NDArray[np.uint8]:
         """Compute the colour of each vertex as the camera sees it.
@@ -90,18 +89,10 @@ class Lighting:
         """
         positions = vertices.astype(np.float32)
         normals = self._compute_normals(positions)
-        facing = normals @ self._directions.T
-        light = np.maximum(facing, 0.0) @ self._strengths
-        skin = self._wrapped
-        wrapped = facing[skin, : len(_LIGHTS), None] + _WRAP
-        light[skin] = np.einsum(
-            "vlc,lc->vc", np.maximum(wrapped, 0.0), self._strengths / (1.0 + _WRAP), optimize=False
-        )
-        half = 0.5 + 0.5 * normals[:, 1:2]
-        light += half * _FROM_ABOVE + (1.0 - half) * _FROM_BELOW
-        shine = self._compute_highlights(
-            positions, normals, facing, np.asarray(camera, dtype=np.float32)
-        )
+        directions = _expand_directions(normals)
+        light = directions @ self._light
+        light[self._wrapped] = directions[self._wrapped] @ self._light_on_skin
+        shine = self._compute_highlights(positions, normals, np.asarray(camera, dtype=np.float32))
         seen = (self._albedo * light + shine[:, None]) * self.compute_reaching(vertices)
         return np.asarray(np.clip(255.0 * seen + 0.5, 0.0, 255.0).astype(np.uint8))
 
@@ -128,28 +119,26 @@ class Lighting:
         -------
         dict[str, Any]
             ``albedo`` ``(vertices, 3)``, 0 to 255, ``specular`` (0 to 255) and ``power`` of every
-            vertex, the indices of ``skin``, directions and strengths of the lights, and the
-            constants of this module.
+            vertex; the indices of ``skin``; the ``light`` on other surfaces and ``light_on_skin``,
+            nine numbers a colour; direction and strength of the ``key`` light.
         """
         return {
             "albedo": np.rint(255 * self._albedo).astype(np.uint8),
             "specular": np.rint(255 * self._specular).astype(np.uint8),
             "power": np.rint(self._power).clip(1, 255).astype(np.uint8),
             "skin": self._wrapped.astype(np.int32),
-            "directions": self._directions.tolist(),
-            "strengths": self._strengths.tolist(),
-            "highlights": _HIGHLIGHTS,
-            "above": _FROM_ABOVE.tolist(),
-            "below": _FROM_BELOW.tolist(),
-            "wrap": _WRAP.tolist(),
+            "light": self._light.tolist(),
+            "light_on_skin": self._light_on_skin.tolist(),
+            "key": self._key.tolist(),
+            "strength": self._strength,
         }
 
     def _compute_normals(self, positions: Single) -> Single:
-        corners = positions[self._triangles]
+        corners = np.ascontiguousarray(positions.T).take(self._corners, axis=1)
         first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        across = np.empty_like(first)
+        across = np.empty((first.shape[1], 3), dtype=np.float32)
         for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            across[:, i] = first[:, j] * second[:, k] - first[:, k] * second[:, j]
+            across[:, i] = first[j] * second[k] - first[k] * second[j]
         normals = np.asarray(self._sum_around @ across)
         lengths = np.sqrt(np.einsum("ij,ij->i", normals, normals))
         return np.asarray(normals / np.where(lengths > 0, lengths, 1.0)[:, None])
@@ -166,19 +155,47 @@ class Lighting:
         light[self._below] -= _SHADOW * near * under
         return light
 
-    def _compute_highlights(
-        self, positions: Single, normals: Single, facing: Single, camera: Single
-    ) -> Single:
+    def _compute_highlights(self, positions: Single, normals: Single, camera: Single) -> Single:
         """Return the highlight of the key light, ``(vertices,)`` (Blinn 1977)."""
         towards = camera - positions
         towards /= np.sqrt(np.einsum("ij,ij->i", towards, towards))[:, None]
-        halfway = towards + self._directions[0]
+        halfway = towards + self._key
         along = np.einsum("ij,ij->i", normals, halfway)
         along /= np.sqrt(np.einsum("ij,ij->i", halfway, halfway))
         shine = np.zeros(len(positions), dtype=np.float32)
-        lit = (along > 0.5) & (facing[:, 0] > 0.0)
-        shine[lit] = self._gloss[lit] * along[lit] ** self._power[lit]
-        return shine * float(self._strengths[0].mean())
+        lit = (along > 0.5) & (normals @ self._key > 0.0)
+        shine[lit] = self._strength * self._gloss[lit] * along[lit] ** self._power[lit]
+        return shine
+
+
+def _expand_directions(directions: Single) -> Single:
+    """Return the polynomials of second degree that all soft light is made of, ``(points, 9)``."""
+    x, y, z = directions.T
+    terms = np.empty((len(directions), 9), dtype=np.float32)
+    terms[:, 0], terms[:, 1:4] = 1.0, directions
+    terms[:, 4], terms[:, 5], terms[:, 6] = x * y, y * z, x * z
+    terms[:, 7], terms[:, 8] = x * x - y * y, z * z
+    return terms
+
+
+def _expand_light(wrap: Single) -> Single:
+    """Return the light on a surface in `_expand_directions` of its normal, ``(9, 3)``.
+
+    Nine numbers hold all but about 1 % of the light that a matt surface reflects (Ramamoorthi and
+    Hanrahan, "An efficient representation for irradiance environment maps", 2001).
+    """
+    steps = np.arange(2000)
+    height, turn = 1 - (2 * steps + 1) / len(steps), steps * np.pi * (3 - np.sqrt(5))
+    wide = np.sqrt(1 - height**2)
+    normals = np.stack([wide * np.cos(turn), height, wide * np.sin(turn)], axis=1)
+    half = 0.5 + 0.5 * height[:, None]
+    light = half * _FROM_ABOVE + (1.0 - half) * _FROM_BELOW
+    for direction, strength, colour in _LIGHTS:
+        facing = normals @ (np.array(direction) / np.linalg.norm(direction))
+        share = np.maximum(facing[:, None] + wrap, 0.0) / (1.0 + wrap)
+        light += strength * share * np.array(colour)
+    terms = _expand_directions(normals.astype(np.float32))
+    return np.asarray(np.linalg.lstsq(terms, light, rcond=None)[0], dtype=np.float32)
 
 
 def _build_triangle_sums(triangles: IndexArray, vertices: int) -> sparse.csr_array:

@@ -358,13 +358,12 @@ def _to_mesh(
     }
     camera = frame_face(mesh)
     across = mesh.vertices[mesh.vertices[:, 1] > camera.target[1], 0]
+    triangles, count = list_outside_triangles(mesh)
     return {
         "looks": looks,
         # Those that are doubled, with the other side in front, come last.
-        "surface": len(mesh.triangles),
-        "triangles": _pack(
-            list_outside_triangles(mesh), "uint16" if len(mesh.vertices) < 65536 else "uint32"
-        ),
+        "surface": count,
+        "triangles": _pack(triangles, "uint16" if len(mesh.vertices) < 65536 else "uint32"),
         "centre": camera.target.tolist(),
         "distance": float(np.linalg.norm(camera.position - camera.target)),
         "width": float(np.ptp(across)),

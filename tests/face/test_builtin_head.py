@@ -11,9 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from mocap_fit.errors import ConfigurationError
-from mocap_fit.face.builtin import load_built_in_head, reshape_head
+from mocap_fit.face.builtin import eyes, load_built_in_head, reshape_head
 from mocap_fit.face.builtin.cache import (
     get_cache_folder,
     hash_sources,
@@ -36,6 +37,8 @@ PARTS = (
     "brow_right",
     "lashes_left",
     "lashes_right",
+    "hair",
+    "shirt",
 )
 MIDDLE_REGIONS = {
     "upper_lip",
@@ -50,6 +53,7 @@ MIDDLE_REGIONS = {
     "nose",
     "forehead",
     "scalp",
+    "under_hair",
     "neck",
     "wet_lip",
     "inner_lip_contour",
@@ -216,6 +220,64 @@ def test_eyes_face_forwards(head):
         vertices, triangles = part_surface(head, name)
         a, b, c = (vertices[triangles[:, i]] for i in range(3))
         assert np.cross(b - a, c - a)[:, 2].min() > -1e-9, name
+
+
+def test_the_iris_is_round_and_lids_cover_its_top_and_bottom_a_little(head):
+    for side, pupil, upper, lower in (
+        ("left", "3.5", "3.1", "3.3"),
+        ("right", "3.6", "3.2", "3.4"),
+    ):
+        eye, _ = part_surface(head, f"eye_{side}")
+        pupil, upper, lower = (
+            head.vertices[head.get_feature_point(name)] for name in (pupil, upper, lower)
+        )
+        away = np.hypot(*(eye - pupil)[:, :2].T)
+        edge = eye[np.abs(away - eyes.IRIS_RADIUS) < 1e-6]
+        assert len(edge) >= 32
+        turns = np.sort(np.arctan2(*(edge - pupil)[:, :2].T))
+        assert np.diff(turns).max() < 0.2
+        # Seen from the front: covered by about a millimetre, above rather than below.
+        above, below = edge[:, 1].max() - upper[1], lower[1] - edge[:, 1].min()
+        assert 0.3 < below < above < 2.0
+        assert lower[1] < pupil[1] - 3 < pupil[1] + 3 < upper[1]
+
+
+def test_lids_lie_before_the_ball_and_nothing_of_it_comes_through(head):
+    """Seen from in front, what is outside the opening of the lids is behind skin."""
+    ball, _ = part_surface(head, "eye_left")
+    skin = head.vertices[head.get_region("eyelids_left")]
+    rings = [skin[np.argsort(np.hypot(*(skin - vertex)[:, :2].T))[:4], 2] for vertex in ball]
+    margin = head.vertices[[head.get_feature_point(name) for name in ("3.1", "3.3")], 1]
+    hidden = (ball[:, 1] > margin[0] + 0.5) | (ball[:, 1] < margin[1] - 0.5)
+    assert hidden.sum() > 5
+    before = np.max(rings, axis=1)
+    assert (ball[hidden, 2] < before[hidden]).all()
+
+
+def test_hair_lies_on_the_scalp_and_hides_what_is_said_to_be_under_it(head):
+    hair, _ = part_surface(head, "hair")
+    scalp = head.vertices[head.get_region("under_hair")]
+    assert len(scalp) > 300
+    centre = np.array([0.0, 55.0, -8.0])
+    distance, nearest = cKDTree(hair).query(scalp)
+    assert distance.max() < 14
+    lifted = np.linalg.norm(hair[nearest] - centre, axis=1) - np.linalg.norm(scalp - centre, axis=1)
+    assert np.quantile(lifted, 0.02) > 0
+    for name in ("8.3", "9.3", "4.1", "3.7"):
+        marker = head.vertices[head.get_feature_point(name)]
+        assert np.linalg.norm(hair - marker, axis=1).min() > 15
+
+
+def test_the_shirt_hides_the_edge_of_the_neck(head):
+    shirt, _ = part_surface(head, "shirt")
+    skin, triangles = part_surface(head, "skin")
+    (rim,) = (loop for loop in map(sorted, border_loops(triangles)) if skin[loop, 1].max() < -60)
+    for vertex in skin[rim]:
+        near = shirt[np.abs(shirt[:, 1] - vertex[1]) < 14]
+        aligned = np.sum(near[:, [0, 2]] * (vertex[[0, 2]] + [0, 16]), axis=1)
+        assert np.hypot(near[:, 0], near[:, 2] + 16)[aligned.argmax()] > np.hypot(
+            vertex[0], vertex[2] + 16
+        )
 
 
 def test_eyes_brows_and_lashes_mirror_each_other(head):

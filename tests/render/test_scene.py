@@ -38,7 +38,7 @@ def test_a_picture_shows_a_head_on_a_plain_ground(scene):
     image = scene.draw()
     assert image.shape == (200, 160, 3)
     assert image.dtype == np.uint8
-    assert image[:, :3].std(axis=1).max() < 3
+    assert image[:150, :3].std(axis=1).max() < 3  # beside the head, above the shoulders
     middle = image[60:120, 60:100].astype(float)
     assert (middle[..., 0] - middle[..., 2]).mean() > 20  # skin is redder than blue
     assert image.std() > 10
@@ -114,6 +114,16 @@ def test_zoom_and_centre_come_closer(head):
     near = render_face(head, size=SIZE, zoom=5.0, centre=lips).astype(int)
     # Nothing but skin and lips is left in the picture.
     assert ((near[..., 0] - near[..., 2]) > 5).mean() > 0.95
+
+
+def test_what_ends_below_fades_into_the_ground(head):
+    image = render_face(head, size=SIZE, zoom=0.3).astype(int)
+    ground = image[0, 0]
+    rows = np.abs(image - ground).max(axis=(1, 2))
+    lowest = np.flatnonzero(rows > 4)[-1]
+    assert lowest < SIZE[1] - 5
+    assert rows[lowest - 1] < 60
+    assert rows[lowest - 30] > 100
 
 
 @pytest.mark.parametrize("view", ["front", "three-quarter", "side"])

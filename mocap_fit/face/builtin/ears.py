@@ -21,23 +21,7 @@ _CENTRE = np.array([70.5, 49.0, -4.0])
 # The ear stands off the head, more at its top than at its lobe, and leans back.
 _FLARE, _FLARE_PER_MM = np.radians(24), np.radians(0.28)
 _UPWARDS = np.array([0.13, np.cos(np.radians(9)), -np.sin(np.radians(9))])
-_FACE_RINGS = (
-    1.0,
-    0.985,
-    0.95,
-    0.90,
-    0.85,
-    0.79,
-    0.73,
-    0.66,
-    0.59,
-    0.52,
-    0.44,
-    0.36,
-    0.27,
-    0.17,
-    0.08,
-)
+_FACE_RINGS = (1.0, 0.975, 0.93, 0.87, 0.80, 0.72, 0.63, 0.53, 0.42, 0.30, 0.16)
 # Outline of the rim: angle (degrees; 0 is back, 90 up, 180 front) and distance from the centre.
 _OUTLINE_ANGLES = [0, 30, 60, 90, 120, 150, 180, 210, 237, 258, 278, 298, 318, 340, 360]
 _OUTLINE = [18.5, 22.5, 28, 30.5, 25, 16.5, 13, 14.5, 20.5, 26.5, 28, 24.5, 20, 18, 18.5]

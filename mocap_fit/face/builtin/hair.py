@@ -11,6 +11,7 @@ from mocap_fit.face.builtin import flesh, skull
 from mocap_fit.face.builtin.strands import build_strands, scatter, spread_evenly
 from mocap_fit.face.builtin.surfaces import (
     Colour,
+    Mask,
     Piece,
     join_pieces,
     smoothstep,
@@ -29,10 +30,10 @@ HAIRLINE = [
     (52.5, 119.0),
     (66.5, 108.0),
     (79.0, 95.0),
-    (84.5, 74.0),
-    (88.5, 55.0),
-    (93.0, 52.0),
-    (98.0, 66.0),
+    (84.0, 76.0),
+    (86.5, 58.0),
+    (94.5, 55.0),
+    (98.0, 64.0),
     (104.0, 71.0),
     (114.0, 66.0),
     (122.0, 50.0),
@@ -40,8 +41,8 @@ HAIRLINE = [
     (168.0, 2.0),
     (224.0, -10.0),
 ]
-_COLUMNS, _ROWS = 84, 17
-_EDGE_HAIRS, _INNER_HAIRS = 640, 300
+_COLUMNS, _ROWS = 76, 15
+_EDGE_HAIRS, _INNER_HAIRS = 600, 260
 # What hair stands away from: about the middle of the head.
 _CENTRE = np.array([0.0, 55.0, -8.0])
 # By azimuth: thickness of the hair high on the head, mm, and the direction in which it lies,
@@ -89,6 +90,24 @@ def measure_hair_depth(azimuth: FloatArray, level: FloatArray) -> FloatArray:
     return np.asarray((level - line(away)) / np.hypot(1.0, slope))
 
 
+def is_under_hair(azimuth: FloatArray, level: FloatArray) -> Mask:
+    """Return which points of the head the cap of hair hides.
+
+    Parameters
+    ----------
+    azimuth
+        Azimuths on the bare head, ``(points,)``, radians, -π to π.
+    level
+        Levels on the bare head, ``(points,)``, millimetres along its surface.
+
+    Returns
+    -------
+    ndarray
+        ``(points,)``.
+    """
+    return np.asarray(_compute_thickness(azimuth, level) > 1.5)
+
+
 def build_hair() -> Piece:
     """Build the hair.
 
@@ -124,7 +143,7 @@ def _build_cap() -> Piece:
     around = 2 * np.pi * np.arange(_COLUMNS) / _COLUMNS - np.pi
     top = skull.get_level_range()[1] - 6.0
     low = _find_hairline_levels()(np.abs(around)) + 2.0
-    share = np.linspace(0, 1, _ROWS)[:, None] ** 1.25
+    share = np.linspace(0, 1, _ROWS)[:, None]
     level = (low + share * (top - low)).ravel()
     azimuth = np.tile(around, _ROWS)
     furrow = scatter(_COLUMNS * _ROWS, 21) - 0.5
@@ -158,7 +177,7 @@ def _build_hairs() -> Piece:
     length = _LENGTH(away) * (0.55 + 0.6 * scatter(count, 33))
     side = np.where(azimuth < 0, -1.0, 1.0)
     points = []
-    for share, lift in ((0.0, -0.4), (0.5, 0.7), (1.0, 0.4)):
+    for share, lift in ((0.0, 0.0), (0.4, 0.7), (1.0, 0.4)):
         onwards = share * length
         there = np.minimum(level + onwards * np.sin(angle), top + 12.0)
         turned = azimuth + side * onwards * np.cos(angle) / skull.compute_girth(there)

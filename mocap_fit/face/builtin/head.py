@@ -24,9 +24,9 @@ def load_built_in_head(*, use_cache: bool = True) -> Mesh:
     -------
     Mesh
         Parts ``skin``, ``teeth_upper``, ``teeth_lower``, ``gums_upper``, ``gums_lower``,
-        ``tongue``, ``eye_left``, ``eye_right``, ``brow_left``, ``brow_right``, ``lashes_left`` and
-        ``lashes_right``; regions of the skin; MPEG-4 feature points. The origin is between the ears
-        at the height of the mouth.
+        ``tongue``, ``eye_left``, ``eye_right``, ``brow_left``, ``brow_right``, ``lashes_left``,
+        ``lashes_right``, ``hair`` and ``shirt``; regions of the skin; MPEG-4 feature points. The
+        origin is between the ears at the height of the mouth.
     """
     if use_cache:
         here = Path(__file__).parent

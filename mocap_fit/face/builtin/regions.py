@@ -70,6 +70,9 @@ def find_skin_regions(skin: Skin) -> dict[str, IndexArray]:
                 regions[sided] = np.flatnonzero(mask & on_side)
         else:
             regions[name] = np.flatnonzero(mask)
+    azimuths, levels = np.nan_to_num(skin.azimuths), np.nan_to_num(skin.levels)
+    hidden = np.isfinite(skin.azimuths) & hair.is_under_hair(azimuths, levels)
+    regions["under_hair"] = np.flatnonzero(hidden)
     return regions
 
 
@@ -158,7 +161,7 @@ def paint_skin(skin: Skin) -> FloatArray:
         blend_colour(share * compute_bump(x, y, centre, widths) * front, colour)
     blend_colour(_BEARD * _compute_beard(x, y) * front, (0.66, 0.575, 0.53))
     blend_colour(0.35 * (skin.kinds == "ear"), (0.88, 0.54, 0.47))
-    for ring, dark in zip(skin.ear[-8:], np.linspace(0.05, 0.55, 8), strict=True):
+    for ring, dark in zip(skin.ear[-6:], np.linspace(0.08, 0.55, 6), strict=True):
         colours[_add_mirrored(skin, ring)] *= 1 - dark
     brow_path = [tuple(point) for point in brows.trace_brow(np.linspace(0, 1, 12)).tolist()]
     near_brow = compute_hill(measure_path_distance(x, y, brow_path)[0], 0.0, 2.0) * front

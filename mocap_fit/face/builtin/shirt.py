@@ -13,7 +13,7 @@ from mocap_fit.face.builtin.surfaces import (
 )
 
 SHIRT: Colour = (0.20, 0.255, 0.325)
-_POINTS, _RINGS = 44, 22
+_POINTS, _RINGS = 36, 16
 # Rings from the inside of the collar down: half width and height at the side, depth and height in
 # front and behind.
 _SECTIONS = np.array(

@@ -11,8 +11,8 @@ from mocap_fit.tracks import FloatArray
 # these numbers fill a square evenly (Roberts, "The unreasonable effectiveness of quasirandom
 # sequences", 2018).
 _PLASTIC = 1.32471795724474602596
-# Two triangles to the middle of a strand, one to its tip.
-_TRIANGLES = np.array([[0, 1, 2], [2, 1, 3], [2, 3, 4]])
+# One triangle to the middle of a hair, one to its tip.
+_TRIANGLES = np.array([[0, 2, 1], [1, 2, 3]])
 
 
 def spread_evenly(count: int) -> FloatArray:
@@ -58,7 +58,7 @@ def build_strands(
     width: FloatArray | float,
     colours: FloatArray,
 ) -> Piece:
-    """Build hairs: each from its root by way of its middle, where it is widest, to a pointed tip.
+    """Build hairs, each pointed at its root and its tip, and widest in the middle.
 
     Parameters
     ----------
@@ -74,12 +74,11 @@ def build_strands(
     Returns
     -------
     Piece
-        Five vertices a hair, counter-clockwise seen from where the normal points.
+        Four vertices a hair, counter-clockwise seen from where the normal points.
     """
     aside = np.cross(tip - root, normal)
     aside *= np.reshape(0.5 * np.asarray(width), (-1, 1)) / np.linalg.norm(aside, axis=1)[:, None]
-    thin = 0.55 * aside
-    points = [root - thin, root + thin, middle - aside, middle + aside, tip]
+    points = [root, middle - aside, middle + aside, tip]
     starts = len(points) * np.arange(len(root))[:, None, None]
     return Piece(
         np.stack(points, axis=1).reshape(-1, 3),

@@ -74,16 +74,16 @@ layout(location=2) in vec3 reach;
 layout(location=3) in vec4 albedo;
 layout(location=4) in vec2 gloss;
 uniform mat4 camera;
-uniform vec3 directions[LIGHTS], strengths[LIGHTS], wrap, above, below;
+uniform vec3 light[9], light_on_skin[9];
 out vec3 colour, where, across, shine;
 void main() {
   vec3 n = normalize(normal);
-  // Skin is lit a little beyond where light meets it, red light the farthest.
-  vec3 around = albedo.a > 0.5 ? wrap : vec3(0.0);
-  vec3 light = mix(below, above, 0.5 + 0.5 * n.y);
-  for (int i = 0; i < LIGHTS; i++)
-    light += max(dot(n, directions[i]) + around, 0.0) * strengths[i] / (1.0 + around);
-  colour = albedo.rgb * light * reach;
+  float terms[9] = float[9](1.0, n.x, n.y, n.z, n.x * n.y, n.y * n.z, n.x * n.z,
+    n.x * n.x - n.y * n.y, n.z * n.z);
+  vec3 lit = vec3(0.0);
+  for (int i = 0; i < 9; i++)
+    lit += terms[i] * (albedo.a > 0.5 ? light_on_skin[i] : light[i]);
+  colour = albedo.rgb * lit * reach;
   where = position;
   across = n;
   shine = vec3(gloss.x, gloss.y * 255.0, reach.g);
@@ -93,16 +93,14 @@ void main() {
 const FACE_FRAGMENT = `#version 300 es
 precision highp float;
 in vec3 colour, where, across, shine;
-uniform vec3 directions[LIGHTS], strengths[LIGHTS], eye;
+uniform vec3 key, eye;
+uniform float strength;
 out vec4 pixel;
 void main() {
   vec3 n = normalize(across), towards = normalize(eye - where);
-  float bright = 0.0;
-  for (int i = 0; i < HIGHLIGHTS; i++) {
-    float along = dot(n, normalize(towards + directions[i]));
-    if (along > 0.5 && dot(n, directions[i]) > 0.0)
-      bright += dot(strengths[i], vec3(1.0 / 3.0)) * shine.x * pow(along, shine.y);
-  }
+  float bright = 0.0, along = dot(n, normalize(towards + key));
+  if (along > 0.5 && dot(n, key) > 0.0)
+    bright = strength * shine.x * sqrt(shine.y / 30.0) * pow(along, shine.y);
   pixel = vec4(colour + bright * shine.z, 1.0);
 }`;
 
@@ -178,9 +176,7 @@ class HeadView {
 
   prepareFace(mesh) {
     const gl = this.gl, looks = mesh.looks, count = this.face.count;
-    const fill = (text) => text.replaceAll("HIGHLIGHTS", looks.highlights)
-      .replaceAll("LIGHTS", looks.directions.length);
-    this.shader = this.build(fill(FACE_VERTEX), fill(FACE_FRAGMENT));
+    this.shader = this.build(FACE_VERTEX, FACE_FRAGMENT);
     const albedo = new Uint8Array(4 * count), gloss = new Uint8Array(2 * count);
     for (let i = 0; i < count; i++) {
       albedo.set(looks.albedo.subarray(3 * i, 3 * i + 3), 4 * i);
@@ -210,11 +206,10 @@ class HeadView {
     gl.bindVertexArray(null);
     const u = this.shader.uniforms;
     gl.useProgram(this.shader.program);
-    gl.uniform3fv(u.directions, looks.directions.flat());
-    gl.uniform3fv(u.strengths, looks.strengths.flat());
-    gl.uniform3fv(u.wrap, looks.wrap);
-    gl.uniform3fv(u.above, looks.above);
-    gl.uniform3fv(u.below, looks.below);
+    gl.uniform3fv(u.light, looks.light.flat());
+    gl.uniform3fv(u.light_on_skin, looks.light_on_skin.flat());
+    gl.uniform3fv(u.key, looks.key);
+    gl.uniform1f(u.strength, looks.strength);
   }
 
   // Fit the drawing buffer to the element.
