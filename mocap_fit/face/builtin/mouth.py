@@ -23,8 +23,9 @@ HALF_WIDTH = 24.5
 # The lips almost touch at rest: each contact line stands this far from the line between them.
 CONTACT_HALF_GAP = 0.04
 
-# From the line where the lips meet back to their inner surface, and from there to the teeth (mm).
-_LIP_THICKNESS, _BEHIND_THE_LIPS = 4.0, 2.0
+# From the line where the lips meet back to their inner surface, and to the upper front teeth, which
+# stand 2 mm behind it (mm).
+_LIP_THICKNESS, _FRONT_TEETH = 3.7, 6.0
 _ACROSS = np.array([-25.0, -20, -13, -5.2, 0, 5.2, 13, 20, 25])
 _UPPER_BORDER = np.array([0.0, 3.1, 6.3, 8.6, 7.3, 8.6, 6.3, 3.1, 0])
 _LOWER_BORDER = np.array([0.0, -3.9, -7.7, -9.8, -10.4, -9.8, -7.7, -3.9, 0])
@@ -94,7 +95,7 @@ def compute_front_depth() -> float:
     float
         z, millimetres.
     """
-    return float(compute_contact_depth(np.zeros(1))[0]) - _LIP_THICKNESS - _BEHIND_THE_LIPS
+    return float(compute_contact_depth(np.zeros(1))[0]) - _FRONT_TEETH
 
 
 def compute_shade(z: FloatArray) -> FloatArray:
@@ -153,25 +154,18 @@ def _build_inner_rings(
     contact: FloatArray, side: FloatArray, fullness: FloatArray, corner_share: FloatArray
 ) -> list[Ring]:
     x, y, z = contact.T
-    # Within the corner the skin of the mouth reaches towards the middle: when the mouth opens, it
-    # is a fold that closes the corner.
-    fold = corner_share**6
     rings = [Ring("bag", _trace_wall(side, fullness, corner_share, *row)) for row in _WALLS]
-    front = compute_front_depth()
-    against_teeth = front + _BEHIND_THE_LIPS - 0.0125 * x**2 - 1.8e-5 * x**4
-    back = np.maximum(against_teeth, z - _LIP_THICKNESS - 1.0 + 1.5 * fold)
-    for inwards, up, behind in (
-        (0.07, side * np.where(side > 0, 6.0, 6.5) * fullness, 1.0),
-        # Both fall from where the lips meet, and overlap there: no look comes in between them from
-        # before or above, and the upper lip hides the teeth when the jaw slides aside.
-        (0.035, np.where(side > 0, -1.3, -1.15) * fullness**0.9, 0.6),
+    fall = np.where(side > 0, 0.8 * corner_share**4 - 1.62, -1.7) * fullness
+    thickness = _LIP_THICKNESS + (2.4 - 1.96 * corner_share) * smoothstep(corner_share / 0.6)
+    for wider, up, behind in (
+        (1.01, side * 6.5 * fullness, thickness),
+        # Both fall from where the lips meet, and one lies on the other there: no look comes in
+        # between them from before or above, and the upper lip hides the teeth when the jaw slides
+        # aside. (They do not overlap: a marker at a corner is tied to the nearer one.)
+        (1.0, fall, np.full_like(x, 2.7)),
     ):
-        rings.append(
-            Ring(
-                "inner_lip",
-                np.stack([x * (1 - inwards * fold), y + up, z + (back - z) * behind], axis=1),
-            )
-        )
+        points = np.stack([x * wider, y + up, z - behind], axis=1)
+        rings.append(Ring("inner_lip", points))
     return rings
 
 
