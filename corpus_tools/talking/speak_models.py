@@ -37,8 +37,10 @@ from mocap_fit.face.builtin.cache import get_cache_folder
 from mocap_fit.phones import PhoneSet
 
 RULE_BASED = "rule-based"
-# Of those that close the lips when they are made to and whose files are small enough to be shipped,
-# it comes nearest to the simulated speakers in every language.
+# All close the lips when they are made to, and this one comes nearest to the simulated speakers: its
+# correlation on their test sentences is 0.904, 0.898 and 0.899 in sv, cs and en, and those of ann
+# are 0.899, 0.896 and 0.900. Four networks as one reach 0.904 in sv with 4 MB a language. What a
+# network learns also depends on the processor, here only in the thirteenth digit.
 DEFAULT_MODEL = "cohen-massaro"
 SHIPPED = Path(str(resources.files("corpus_tools.talking"))) / "voices"
 

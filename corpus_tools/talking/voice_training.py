@@ -30,7 +30,7 @@ MODEL_SETTINGS: dict[str, dict[str, Any]] = {"cart": {"closures": dict.fromkeys(
 # Seconds on one core of a machine with nothing else to do, and for the simulation of sentences.
 _SECONDS = {
     "ann": 25.0,
-    "ann-ensemble": 200.0,
+    "ann-ensemble": 70.0,
     "ann-low-latency": 27.0,
     "cart": 1.0,
     "cohen-massaro": 12.0,

@@ -410,7 +410,7 @@ class TestModels:
 
     def test_how_long_training_takes_is_known_beforehand(self, cache):
         assert estimate_training({"sv": ["mean"]}).startswith("about 10 seconds")
-        assert estimate_training({"sv": ["ann"], "cs": ["ann-ensemble"]}).startswith("about 4 m")
+        assert estimate_training({"sv": ["ann"], "cs": ["ann-ensemble"]}).startswith("about 2 m")
         seen = []
         prepare_voices(
             ["sv"], ["mean"], utterances=6, progress=lambda task, done, total: seen.append(task)
