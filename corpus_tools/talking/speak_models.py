@@ -37,7 +37,7 @@ from mocap_fit.face.builtin.cache import get_cache_folder
 from mocap_fit.phones import PhoneSet
 
 RULE_BASED = "rule-based"
-# All close the lips when they are made to, and this one comes nearest to the simulated speakers: its
+# All close the lips when they are made to; this one comes nearest to the simulated speakers. Its
 # correlation on their test sentences is 0.904, 0.898 and 0.899 in sv, cs and en, and those of ann
 # are 0.899, 0.896 and 0.900. Four networks as one reach 0.904 in sv with 4 MB a language. What a
 # network learns also depends on the processor, here only in the thirteenth digit.
