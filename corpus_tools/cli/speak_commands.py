@@ -41,7 +41,8 @@ _Articulation = Annotated[
 def _speak(
     text: Annotated[str | None, Argument(metavar="TEXT", help="What is said.")] = None,
     out: Annotated[
-        Path | None, Option(help="FILE.mp4, FILE.gif, or a new folder for PNG pictures.")
+        Path | None,
+        Option(help="FILE.mp4, FILE.gif, FILE.html (one page), or a new folder for PNG pictures."),
     ] = None,
     labels: Annotated[Path | None, Option(help="Labelled phones instead of a text.")] = None,
     tracks: Annotated[
@@ -147,7 +148,7 @@ def _speak(
     if head is not None and tracks is None:
         raise typer.BadParameter("a measured head goes with --tracks", param_hint="--head")
     if out is None:
-        raise typer.BadParameter("say where to: --out FILE.mp4", param_hint="--out")
+        raise typer.BadParameter("say where to: --out FILE.mp4, or FILE.html", param_hint="--out")
     views = tuple(arguments.check_choice(name, _VIEWS, "--view") for name in view or ["front"])
     source = speaking.Source(text, labels, tracks, audio, language or "en", phone_set, tier, speed)
     look = speaking.Look(

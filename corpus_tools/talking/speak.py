@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from mocap_fit.render.framing import View
 
 MEASURED = "measured"
+# Frames a second of a page, hertz.
+_PAGE_RATE = 60.0
 # Number of frames that another process must draw to be worth its start.
 _FRAMES_PER_PROCESS = 250
 
@@ -126,7 +128,7 @@ class SpeakReport:
     Parameters
     ----------
     file
-        The movie, or the folder of pictures.
+        The movie, the page, or the folder of pictures.
     frames
         Number of frames.
     rate
@@ -134,7 +136,7 @@ class SpeakReport:
     duration
         Length, seconds.
     size
-        Width and height, pixels.
+        Width and height, pixels; None for a page.
     sound
         Whether it has sound.
     phones
@@ -150,7 +152,7 @@ class SpeakReport:
     frames: int
     rate: float
     duration: float
-    size: tuple[int, int]
+    size: tuple[int, int] | None
     sound: bool
     phones: tuple[str, ...]
     heads: tuple[dict[str, Any], ...]
@@ -195,14 +197,14 @@ def speak(
     jobs: int = 1,
     progress: TaskProgress | None = None,
 ) -> SpeakReport:
-    """Make a movie of a talking head.
+    """Make a movie of a talking head, or a web page with it.
 
     Parameters
     ----------
     source
         What is said: an English text, or a `Source`.
     out
-        ``.mp4``, ``.gif``, or a name without an ending for a folder of PNG pictures.
+        ``.mp4``, ``.gif``, ``.html``, or a name without an ending for a folder of PNG pictures.
     models
         Files or names of control models, one head each. By default a text, or labels without
         tracks, are spoken by the default model, and tracks by themselves.
@@ -224,21 +226,24 @@ def speak(
     Returns
     -------
     SpeakReport
-        The movie.
+        The movie, or the page.
 
     Raises
     ------
     MocapFitError
-        If something is wrong; no movie is written then.
+        If something is wrong; nothing is written then.
     """
-    from mocap_fit.render import render_movie
+    from mocap_fit.render import render_movie, write_page
     from mocap_fit.render.movie_file import find_ffmpeg, get_movie_kind
     from mocap_fit.synthesis.espeak_voices import find_language
 
     look = Look() if look is None else look
     file = Path(out)
     # What is missing is reported before long work begins.
-    if get_movie_kind(file) != "png":
+    is_page = file.suffix.lower() == ".html"
+    if is_page:
+        look = dataclasses.replace(look, rate=_PAGE_RATE)
+    elif get_movie_kind(file) != "png":
         find_ffmpeg()
     rig = load_face(look.face, tongue=None)
     wanted = Source(source) if isinstance(source, str) else source
@@ -260,39 +265,57 @@ def speak(
     is_alive = not look.still and wanted.tracks is None
     if keep is not None:
         _save(speech, Path(keep), read, overwrite=overwrite)
-    heads = speech.heads if len(speech.heads) > 1 else next(iter(speech.heads.values()))
-    pictures = frames * len(speech.heads) * len(look.views)
     make_folder(file.parent)
-    movie = render_movie(
-        heads,
-        file,
-        face=rig,
-        sound=speech.sound,
-        rate=look.rate,
-        size=look.size,
-        view=look.views,
-        zoom=look.zoom,
-        phones=speech.phones,
-        subtitles=look.subtitles,
-        curves=look.curves,
-        markers=markers,
-        blinks=is_alive,
-        head_motion=is_alive if look.head is None else read_pose(look),
-        seed=look.seed,
-        extent=(start, end),
-        jobs=jobs or min(count_cores(), 1 + pictures // _FRAMES_PER_PROCESS),
-        progress=count_steps(progress, "drawing frames", frames),
-    )
+    life: dict[str, Any] = {
+        "blinks": is_alive,
+        "head_motion": is_alive if look.head is None else read_pose(look),
+        "seed": look.seed,
+        "extent": (start, end),
+        "progress": count_steps(progress, "drawing frames", frames),
+    }
+    size: tuple[int, int] | None = None
+    if is_page:
+        page = write_page(
+            file,
+            rig,
+            speech.heads,
+            title=wanted.text or file.stem,
+            notes=[str(about.get("about") or about["head"]) for about in speech.about],
+            sound=speech.sound,
+            phones=speech.phones,
+            markers={} if markers is None else {"markers": markers},
+            **life,
+        )
+        frames, sound = page.frames, page.with_sound
+    else:
+        pictures = frames * len(speech.heads) * len(look.views)
+        movie = render_movie(
+            speech.heads if len(speech.heads) > 1 else next(iter(speech.heads.values())),
+            file,
+            face=rig,
+            sound=speech.sound,
+            rate=look.rate,
+            size=look.size,
+            view=look.views,
+            zoom=look.zoom,
+            phones=speech.phones,
+            subtitles=look.subtitles,
+            curves=look.curves,
+            markers=markers,
+            jobs=jobs or min(count_cores(), 1 + pictures // _FRAMES_PER_PROCESS),
+            **life,
+        )
+        frames, size, sound = movie.frames, movie.size, movie.with_sound
     return SpeakReport(
-        movie.path,
-        movie.frames,
-        movie.rate,
-        movie.duration,
-        movie.size,
-        movie.with_sound,
+        file,
+        frames,
+        look.rate,
+        frames / look.rate,
+        size,
+        sound,
         () if speech.phones is None else tuple(speech.phones.phones),
         tuple(speech.about),
-        measure_lips(speech.heads, speech.phones, rig, first, movie.frames, movie.rate),
+        measure_lips(speech.heads, speech.phones, rig, first, frames, look.rate),
     )
 
 

@@ -7,6 +7,7 @@ or the head moves as it was measured.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator
@@ -226,6 +227,18 @@ class LivelyFace:
         self._chin = float(self._joint[1])
         # A face without a neck moves as a whole.
         self._foot = self._chin - _NECK if self._chin - low > 0.3 * _NECK else -np.inf
+
+    def describe(self) -> dict[str, Any]:
+        """Return how the head moves on its neck, for programs that do it themselves.
+
+        Returns
+        -------
+        dict[str, Any]
+            ``joint``: the point of rotation; ``chin`` and ``foot``: heights at which the rotation
+            is full and at which it ends, None where all of the face moves; millimetres.
+        """
+        foot = self._foot if np.isfinite(self._foot) else None
+        return {"joint": self._joint.tolist(), "chin": self._chin, "foot": foot}
 
     def move(
         self, vertices: FloatArray, blink: float, turn: FloatArray, shift: FloatArray

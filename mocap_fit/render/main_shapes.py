@@ -94,11 +94,11 @@ class MainShapesBuilder:
             Some frames, ``(frames, vertices, 3)``.
         """
         flat = self._flatten(frames)
-        left = np.asarray(flat - flat @ self._basis.T @ self._basis, dtype=np.float32)
+        left = flat - flat @ self._basis.T @ self._basis
         self._basis = np.concatenate([self._basis, _find_directions(left, self._tolerance)])
-        weights: Single = np.asarray(flat @ self._basis.T, dtype=np.float32)
-        self._weights.append(weights)
-        self._error = max(self._error, float(_measure(flat, weights @ self._basis).max()))
+        weights = flat @ self._basis.T
+        self._weights.append(weights.astype(np.float32))
+        self._error = max(self._error, _measure(flat - weights @ self._basis))
 
     def build(self) -> MainShapes:
         """Return the shapes, and the weights of all frames.
@@ -120,8 +120,9 @@ class MainShapesBuilder:
         steps = middle.scale + shapes.scale * float(np.abs(weights).sum(axis=1).max())
         return MainShapes(middle, shapes, weights, self._error + 0.5 * float(np.sqrt(3.0)) * steps)
 
-    def _flatten(self, frames: FloatArray | Single) -> Single:
-        return np.asarray(frames.reshape(len(frames), -1) - self._mean.ravel(), dtype=np.float32)
+    def _flatten(self, frames: FloatArray | Single) -> FloatArray:
+        # In double precision: a small shape must be orthogonal to large ones.
+        return np.asarray(frames.reshape(len(frames), -1) - self._mean.ravel())
 
 
 def quantise(values: FloatArray | Single, bits: int = 16) -> Quantised:
@@ -144,22 +145,22 @@ def quantise(values: FloatArray | Single, bits: int = 16) -> Quantised:
     return Quantised(np.rint(values / scale).astype(kind), scale)
 
 
-def _find_directions(rest: Single, tolerance: float) -> Single:
+def _find_directions(rest: FloatArray, tolerance: float) -> FloatArray:
     """Return unit vectors, ``(vectors, coordinates)``, that leave no vertex farther than that."""
     left = rest.copy()
-    directions: list[Single] = []
+    directions: list[FloatArray] = []
     # The eigenvectors of the small matrix of frames give those of the large one of coordinates.
-    _, sides = np.linalg.eigh((rest @ rest.T).astype(np.float64))
+    _, sides = np.linalg.eigh(rest @ rest.T)
     for side in sides.T[::-1]:
-        if _measure(left, 0.0).max() <= tolerance:
+        if _measure(left) <= tolerance:
             break
-        direction = side.astype(np.float32) @ rest
+        direction = side @ rest
         direction /= np.linalg.norm(direction)
         left -= np.outer(left @ direction, direction)
         directions.append(direction)
-    return np.stack(directions) if directions else np.zeros((0, rest.shape[1]), np.float32)
+    return np.stack(directions) if directions else np.zeros((0, rest.shape[1]))
 
 
-def _measure(frames: Single, blended: Any) -> Single:
-    """Return how far vertices are from each other, ``(frames, vertices)``."""
-    return np.asarray(np.linalg.norm((frames - blended).reshape(len(frames), -1, 3), axis=2))
+def _measure(left: FloatArray) -> float:
+    """Return how far the farthest vertex of all frames is, of ``(frames, coordinates)``."""
+    return float(np.sqrt(np.square(left.reshape(len(left), -1, 3)).sum(axis=2).max()))

@@ -14,7 +14,7 @@ import json
 import os
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -218,14 +218,21 @@ def write_page(
         values = values or [np.zeros((count, len(rig.parameter_names)))]
         life = plan_liveliness(times, rig.mesh, blinks=blinks, head_motion=head_motion, seed=seed)
         lively = LivelyFace(rig.mesh, blinks=blinks)
+        # The page moves the head itself: turning every vertex would take many shapes.
+        still = replace(life, turns=np.zeros_like(life.turns), shifts=np.zeros_like(life.shifts))
 
         def get_vertices(number: int) -> FloatArray:
             head, frame = divmod(number, count)
-            return deform_face(rig, lively, values[head][frame], life, frame)
+            return deform_face(rig, lively, values[head][frame], still, frame)
 
         lighting = Lighting(rig.mesh)
         movement, light = _compute_shapes(get_vertices, lighting, count * len(values), progress)
         record["mesh"] = _to_mesh(rig.mesh, lighting, movement, light)
+        record["mesh"]["neck"] = {
+            **lively.describe(),
+            "turns": _pack(life.turns, "float32"),
+            "shifts": _pack(life.shifts, "float32"),
+        }
         for label, each in positions.items():
             moves = zip(each, life.turns, life.shifts, strict=True)
             positions[label] = np.stack([lively.carry(*move) for move in moves])

@@ -25,6 +25,8 @@ class Blend {
     const a = (head * frames + low) * this.size, b = (head * frames + high) * this.size;
     const { values, weights, moving, rest, sum } = this;
     sum.fill(0);
+    // What the head's motion has moved since.
+    if (this.isMoved) values.set(rest);
     this.parts.forEach((part, k) => {
       const weight = (1 - share) * weights[a + k] + share * weights[b + k];
       for (let i = 0; i < sum.length; i++) sum[i] += weight * part[i];
@@ -48,7 +50,35 @@ class Face {
   pose(head, frame, frames) {
     this.movement.compute(head, frame, frames);
     this.light.compute(head, frame, frames);
+    this.moveHead(frame, frames);
     this.computeNormals();
+  }
+
+  // The head turns about its joint, less down the neck, and shifts.
+  moveHead(frame, frames) {
+    const { joint, chin, foot, turns, shifts } = this.mesh.neck;
+    const low = Math.min(Math.floor(frame), frames - 1), high = Math.min(low + 1, frames - 1);
+    const at = (values, axis) => values[3 * low + axis]
+      + (frame - low) * (values[3 * high + axis] - values[3 * low + axis]);
+    const turn = [0, 1, 2].map((axis) => at(turns, axis));
+    const shift = [0, 1, 2].map((axis) => at(shifts, axis));
+    const angle = Math.hypot(...turn), p = this.vertices;
+    if (angle === 0 && Math.hypot(...shift) === 0) return;
+    const [x, y, z] = turn.map((value) => (angle ? value / angle : 0));
+    const c = Math.cos(angle), s = Math.sin(angle), k = 1 - c;
+    // What a rotation adds to a point.
+    const r = [k * x * x + c - 1, k * x * y - s * z, k * x * z + s * y,
+      k * x * y + s * z, k * y * y + c - 1, k * y * z - s * x,
+      k * x * z - s * y, k * y * z + s * x, k * z * z + c - 1];
+    for (let i = 0; i < p.length; i += 3) {
+      const h = foot === null ? 1 : Math.min(Math.max((p[i + 1] - foot) / (chin - foot), 0), 1);
+      const share = h * h * (3 - 2 * h);
+      const a = p[i] - joint[0], b = p[i + 1] - joint[1], d = p[i + 2] - joint[2];
+      p[i] += share * (r[0] * a + r[1] * b + r[2] * d) + shift[0];
+      p[i + 1] += share * (r[3] * a + r[4] * b + r[5] * d) + shift[1];
+      p[i + 2] += share * (r[6] * a + r[7] * b + r[8] * d) + shift[2];
+    }
+    this.movement.isMoved = true;
   }
 
   computeNormals() {

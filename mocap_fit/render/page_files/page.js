@@ -39,7 +39,16 @@ class Clock {
     this.playing = true;
     if (!this.sound) return;
     this.sound.playbackRate = this.speed;
-    await this.sound.play();
+    await this.resume();
+  }
+
+  async resume() {
+    try {
+      await this.sound.play();
+    } catch (fault) {
+      // It was stopped before it began.
+      if (fault.name !== "AbortError") throw fault;
+    }
   }
 
   pause() {
@@ -134,7 +143,12 @@ class Page {
 
   async play(stopAt = null) {
     this.stopAt = stopAt;
-    await this.clock.play();
+    try {
+      await this.clock.play();
+    } catch (fault) {
+      this.pause();
+      showFault(fault);
+    }
     this.showPlaying();
     this.request();
   }
@@ -204,7 +218,7 @@ class Page {
     if (time < end && !this.clock.isAtEnd()) return time;
     if (this.loop) {
       this.clock.seek(start);
-      if (this.clock.sound) this.clock.sound.play();
+      if (this.clock.sound) this.clock.resume();
       return start;
     }
     const last = Math.min(end, this.record.end);
@@ -216,6 +230,11 @@ class Page {
   draw() {
     let time = this.clock.now();
     if (this.clock.playing) time = this.turnAround(time);
+    // Pictures may come late, or not at all while another window hides this one.
+    clearTimeout(this.turning);
+    const end = this.loop ? (this.strip.selection || [0, this.record.end])[1] : this.stopAt;
+    if (this.clock.playing && end)
+      this.turning = setTimeout(() => this.draw(), 1000 * (end - time) / this.clock.speed);
     this.drawHead(time);
     if (this.clock.playing) this.strip.follow(time);
     this.strip.drawCursor(time);
@@ -515,7 +534,7 @@ function measurePoints(sets) {
 
 function showFault(fault) {
   console.error(fault);
-  get("fault").textContent = `This page cannot be shown: ${fault.message || fault}`;
+  get("fault").textContent = `This does not work here: ${fault.message || fault}`;
   get("fault").hidden = false;
 }
 

@@ -142,9 +142,9 @@ class Strip {
       pen.fillRect(left, panel.top, 1, panel.height);
       pen.fillRect(right, panel.top, 1, panel.height);
       pen.fillStyle = ink;
-      for (const size of [13, 10]) {
+      for (const size of [13, 10, 8.5]) {
         pen.font = `${weight} ${size}px ${this.font}`;
-        if (pen.measureText(text).width > right - left - 2) continue;
+        if (pen.measureText(text).width > right - left) continue;
         const centre = 0.5 * (Math.max(left, 0) + Math.min(right, this.width));
         pen.fillText(text, centre, panel.top + panel.height / 2);
         break;
