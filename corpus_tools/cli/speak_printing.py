@@ -57,10 +57,10 @@ def print_voices(report: VoicesReport) -> None:
     for voice in report.voices:
         if voice.scores:
             result = report.evaluations[voice.language]
+            error, closed = voice.scores["rmse_percent"], 100 * voice.scores["bilabials_closed"]
             lines.append(
-                f"{voice.language}: {voice.name}: error {voice.scores['rmse_percent']:.1f} % of "
-                f"the range, lips close on {100 * voice.scores['bilabials_closed']:.1f} % of the "
-                f"p, b, m in {result.utterances} test sentences"
+                f"{voice.language}: {voice.name}: error {error:.1f} % of the range, lips close by "
+                f"themselves on {closed:.1f} % of the p, b, m in {result.utterances} test sentences"
             )
     display.print_lines(*lines, f"Kept in {report.folder}")
 

@@ -174,10 +174,10 @@ def prepare_model(
             return control.load(saved)
         except FileFormatError as error:
             warnings.warn(f"{error} It is made again.", MocapFitWarning, stacklevel=2)
-    corpora = {} if corpora is None else corpora
-    if progress is not None:
+    if progress is not None and corpora is None:
         time = estimate_training({language: [name]})
         progress(f"training {name} for {language}, for this time and later ones: {time}", 0, None)
+    corpora = {} if corpora is None else corpora
     if language not in corpora:
         corpora[language] = simulate_corpus(language, utterances, progress=progress)
     model = train_model(name, corpora[language], progress=progress)

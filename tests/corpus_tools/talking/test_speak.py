@@ -416,7 +416,11 @@ class TestModels:
             ["sv"], ["mean"], utterances=6, progress=lambda task, done, total: seen.append(task)
         )
         assert seen[0].startswith("training 1 model: about 10 seconds")
-        assert seen[1].startswith("training mean for sv")
+        seen.clear()
+        speak_models.prepare_model(
+            "mean", "cs", utterances=6, progress=lambda task, done, total: seen.append(task)
+        )
+        assert seen[0].startswith("training mean for cs, for this time and later ones: about 10 s")
 
 
 class TestStream:
