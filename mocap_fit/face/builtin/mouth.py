@@ -41,7 +41,7 @@ _WALLS = [
     ((31.5, 47.0), (22.0, 36.0), (-24.0, 40.0)),
     ((30.6, 32.0), (21.0, 18.0), (-22.0, 22.0)),
     ((27.0, 19.0), (17.0, 4.0), (-19.0, 7.0)),
-    ((23.8, 10.3), (13.5, -1.2), (-15.5, 1.0)),
+    ((24.5, 14.0), (13.0, -0.8), (-14.5, 1.0)),
 ]
 # Share of red, green and blue light that reaches the back of the mouth, and how deep it is (mm).
 _LIGHT_AT_THE_BACK = np.array([0.60, 0.53, 0.49])
@@ -155,8 +155,9 @@ def _build_inner_rings(
 ) -> list[Ring]:
     x, y, z = contact.T
     rings = [Ring("bag", _trace_wall(side, fullness, corner_share, *row)) for row in _WALLS]
-    fall = np.where(side > 0, 0.8 * corner_share**4 - 1.62, -1.7) * fullness
-    thickness = _LIP_THICKNESS + (2.4 - 1.96 * corner_share) * smoothstep(corner_share / 0.6)
+    near = smoothstep(corner_share / 0.6)
+    fall = np.where(side > 0, 0.4 * corner_share**4 - 1.22, -1.3 - 0.4 * near) * fullness
+    thickness = _LIP_THICKNESS + (2.4 - 1.96 * corner_share) * near
     for wider, up, behind in (
         (1.01, side * 6.5 * fullness, thickness),
         # Both fall from where the lips meet, and one lies on the other there: no look comes in

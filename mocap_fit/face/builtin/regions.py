@@ -85,12 +85,13 @@ def _find_mouth_regions(skin: Skin) -> dict[str, IndexArray]:
     """Find the lips, the bag behind them and the two contours; corners are upper and lower."""
     groups: dict[str, list[IndexArray]] = {}
     *rings, deepest = skin.mouth
-    for number, ring in enumerate(rings):
-        kind = str(skin.kinds[ring[0]])
+    kinds = [str(skin.kinds[ring[0]]) for ring in rings]
+    for number, (kind, ring) in enumerate(zip(kinds, rings, strict=True)):
         stem = {"bag": "mouth_bag_{}", "skin": "{}_lip_skin"}.get(kind, "{}_lip")
         groups.setdefault(stem.format("lower"), []).append(ring[: mouth.CORNER + 1])
         groups.setdefault(stem.format("upper"), []).append(ring[mouth.CORNER :])
-        if kind == "bag":
+        # The fold behind the lips follows what is around it.
+        if kinds[number : number + 2] == ["bag", "bag"]:
             groups.setdefault("mouth_floor", []).append(ring[: mouth.CORNER - _BAG_SIDE])
             groups.setdefault("mouth_roof", []).append(ring[mouth.CORNER + _BAG_SIDE + 1 :])
         if kind in ("inner_lip", "contact"):
