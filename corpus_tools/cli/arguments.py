@@ -33,7 +33,10 @@ Overwrite = Annotated[
 ]
 Dictionary = Annotated[Path | None, Option(help="A pronouncing dictionary in CMU's format.")]
 Face = Annotated[str, Option(help="The face: built-in, or a rig file.")]
-Layout = Annotated[str, Option(help="The marker layout: a shipped name, or a TOML file.")]
+Layout = Annotated[
+    str | None,
+    Option(help="The marker layout: a shipped name, or a TOML file; by default the one that fits."),
+]
 
 Rate = Annotated[
     float | None, Option(metavar="HZ", help="Frames per second, in place of what the file says.")

@@ -18,10 +18,14 @@ def _fit(
         list[Path], Argument(metavar="RECORDING", help="Recordings: files, folders or patterns.")
     ],
     reference: Annotated[
-        Path, Option(help="A recording of the reference pose: face at rest, lips closed.")
+        str,
+        Option(
+            metavar="FILE[@START-END]",
+            help="A recording of the face at rest with lips closed, or a span of a take (seconds).",
+        ),
     ],
-    layout: arguments.Layout,
     out: Annotated[Path, Option(help="The folder for OUT/NAME.parquet.")],
+    layout: arguments.Layout = None,
     face: arguments.Face = "built-in",
     between: Annotated[
         str | None,
@@ -123,7 +127,9 @@ def _convert(
     phone_set: Annotated[
         str | None, Option(help="In place of the manifest's; needed without one.")
     ] = None,
-    layout: Annotated[str | None, Option(help="In place of the manifest's.")] = None,
+    layout: Annotated[
+        str | None, Option(help="In place of the manifest's; by default the one that fits.")
+    ] = None,
     edits: Annotated[
         str | None,
         Option(
@@ -281,7 +287,9 @@ def _simulate(
         str | None,
         Option(help="Phone times and sound: model (the default), or espeak (espeak-ng)."),
     ] = None,
-    layout: arguments.Layout = "face30-head5",
+    layout: Annotated[
+        str, Option(help="The marker layout: a shipped name, or a TOML file.")
+    ] = "face30-head5",
     duration: Annotated[
         float | None,
         Option(min=0.1, help="No sentences: free gestures in recordings of this length (s)."),

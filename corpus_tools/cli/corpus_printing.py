@@ -124,7 +124,8 @@ def print_fit(report: FitReport) -> None:
     before = f" ({cached} of them before)" if cached else ""
     display.print_lines(
         f"{len(rows)} of {len(report.recordings)} recordings fitted{before}: {fitted} of {frames} "
-        f"frames, median residual {residual:.2f} mm. Parameters are in {report.out}."
+        f"frames, median residual {residual:.2f} mm. Parameters are in {report.out} "
+        f"(layout {report.layout})."
     )
 
 
@@ -147,7 +148,10 @@ def print_conversion(report: ConversionReport) -> None:
         lines.append(f"left out, {len(bad)}: {list_names(bad)}")
     cached = f", {content['kept']} of them from before" if content["kept"] else ""
     total = len(report.entries)
-    lines.append(f"{len(rows)} of {total} utterances are in the corpus{cached}: {report.out}")
+    layout = f" (layout {report.layout})" if report.layout else ""
+    lines.append(
+        f"{len(rows)} of {total} utterances are in the corpus{cached}{layout}: {report.out}"
+    )
     display.print_lines(*map(console.to_printable, lines))
 
 

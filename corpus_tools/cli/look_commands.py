@@ -109,6 +109,13 @@ def _validate(
         str | None, Option(help="The phone set: a shipped name, or a TOML file.")
     ] = None,
     edits: arguments.Edits = None,
+    reference: Annotated[
+        list[str] | None,
+        Option(
+            metavar="FILE[@START-END]",
+            help="A reference pose, or a span of a take (seconds); those of a folder are known.",
+        ),
+    ] = None,
     rename: arguments.Rename = None,
     rate: arguments.Rate = None,
     unit: arguments.Unit = None,
@@ -129,17 +136,18 @@ def _validate(
     if load_codes:
         validation_printing.print_codes(as_json=as_json)
         return
-    if not paths:
+    if not paths and not reference:
         raise typer.BadParameter("give a corpus, a folder or a file", param_hint="PATH")
     from corpus_tools.validation.validate import validate as run
 
     with display.show_progress() as progress:
         report = run(
-            paths,
+            paths or (),
             thresholds=thresholds,
             layout=layout,
             phone_set=phone_set,
             edits=edits,
+            reference=reference or (),
             page=html,
             **reading,
             jobs=jobs,

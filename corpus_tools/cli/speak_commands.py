@@ -86,13 +86,18 @@ def _speak(
         int, Option(min=0, help="Seed of blinks and head motion, the same in all conditions.")
     ] = 0,
     markers: Annotated[
-        Path | None, Option(help="A recording, drawn over the head; with --reference and --layout.")
+        Path | None, Option(help="A recording, drawn over the head; with --reference.")
+    ] = None,
+    reference: Annotated[
+        str | None,
+        Option(metavar="FILE[@START-END]", help="The speaker's reference pose (span in seconds)."),
+    ] = None,
+    layout: Annotated[
+        str | None, Option(help="The marker layout of the speaker; by default the one that fits.")
     ] = None,
     head: Annotated[
         Path | None, Option(help="With --tracks: a corpus's head/ID.parquet; the head moves so.")
     ] = None,
-    reference: Annotated[Path | None, Option(help="The speaker's reference pose.")] = None,
-    layout: Annotated[str | None, Option(help="The marker layout of the speaker.")] = None,
     face: arguments.Face = "built-in",
     keep: Annotated[Path | None, Option(help="A folder for tracks, labels, sound.")] = None,
     overwrite: arguments.Overwrite = False,
@@ -140,9 +145,9 @@ def _speak(
         )
     if text is not None and audio is not None:
         raise typer.BadParameter("a text has its own sound", param_hint="--audio")
-    if (reference is None) != (layout is None) or (reference and not (markers or head)):
+    if (layout and not reference) or (reference and not (markers or head)):
         raise typer.BadParameter(
-            "--reference and --layout go together, with --markers or --head",
+            "--reference goes with --markers or --head, and --layout with --reference",
             param_hint="--reference",
         )
     if head is not None and tracks is None:

@@ -58,7 +58,8 @@ def convert(
     phone_set
         In place of the manifest's phone set; needed where there is no manifest.
     layout
-        In place of the manifest's marker layout.
+        In place of the manifest's marker layout; without either, the one that fits the reference
+        pose.
     edits
         Path of edit lists under the root, with ``{id}`` for the utterance, in place of the
         manifest's; without either, ``RECORDING.edits.toml`` beside the recordings.
@@ -134,7 +135,10 @@ def convert(
             raise
     unlisted = set(list_recordings(settings, base)) - {entry.stem for entry in entries}
     seconds = time.perf_counter() - began
-    return ConversionReport(folder, entries, results, sorted(unlisted), removed, seconds)
+    layout_name = next((s.layout.name for s in plan.settings.speakers.values()), "")
+    return ConversionReport(
+        folder, layout_name, entries, results, sorted(unlisted), removed, seconds
+    )
 
 
 def _read_manifest(path: Path, changes: Mapping[str, Any]) -> tuple[Manifest, Path]:

@@ -20,6 +20,7 @@ from mocap_fit.edits import EDITS_ENDING, EditList, load_edits
 from mocap_fit.errors import ConfigurationError, MocapFitError
 from mocap_fit.fitting.memory import check_memory
 from mocap_fit.fitting.objective import Objective
+from mocap_fit.fitting.reference_pose import parse_reference
 from mocap_fit.fitting.speaker import Speaker, fit_speaker
 from mocap_fit.io import READERS, ReadOptions
 from mocap_fit.tracks import write_parquet
@@ -184,7 +185,7 @@ def fit(
     recordings: _Path | Sequence[_Path],
     *,
     reference: _Path,
-    layout: str,
+    layout: str | None = None,
     out: _Path,
     face: str = "built-in",
     between: tuple[float, float] | None = None,
@@ -215,9 +216,10 @@ def fit(
     recordings
         Files, folders or patterns.
     reference
-        A recording of the reference pose; the median over its frames is used.
+        A recording of the reference pose, or a span of one: ``take.tsv@0.2-0.5`` (seconds); the
+        median over its frames is used.
     layout
-        Name or file of the marker layout.
+        Name or file of the marker layout; the one that fits the reference pose where left out.
     out
         Folder of the results; created where it does not exist.
     face
@@ -273,14 +275,14 @@ def fit(
     listed = [recordings] if isinstance(recordings, (str, os.PathLike)) else recordings
     files = find_recordings([Path(path) for path in listed])
     targets = [Path(out) / f"{file.stem}.parquet" for file in files]
-    check_targets(targets, [*files, reference, layout, face])
+    check_targets(targets, [*files, parse_reference(reference).path, layout, face])
     foreign = filter(is_foreign_table, targets)
     check_existing(foreign, "Parquet files of another program", overwrite=overwrite)
     options = ReadOptions(rate, unit, subject, rename or {})
     speaker = fit_speaker(
         face,
         layout,
-        Path(reference),
+        os.fspath(reference),
         allow_mirrored=allow_mirrored,
         read=(ReadOptions() if reference_as_is else options).read_tracks,
     )

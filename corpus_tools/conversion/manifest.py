@@ -200,7 +200,8 @@ class SpeakerEntry(StrictModel):
     id
         Name of the speaker.
     reference
-        Path or pattern of the recording of the reference pose.
+        Path or pattern of the recording of the reference pose; ``take.tsv@0.2-0.5`` is a span of
+        it, in seconds.
     """
 
     id: _Id = "speaker"
@@ -240,7 +241,8 @@ class Manifest(StrictModel):
     phone_set
         A shipped name, or a TOML file under the root.
     layout
-        The marker layout: a shipped name, or a TOML file under the root.
+        The marker layout: a shipped name, or a TOML file under the root; None for the one that
+        fits the reference pose.
     face
         ``built-in``, or a rig file under the root.
     rate
@@ -274,7 +276,7 @@ class Manifest(StrictModel):
     format_version: Literal[1] = 1
     language: str = ""
     phone_set: str
-    layout: str = "face30-head5"
+    layout: str | None = None
     face: str = "built-in"
     rate: float | None = Field(default=None, gt=0)
     unit: Unit | None = None

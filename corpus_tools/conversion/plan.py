@@ -7,7 +7,7 @@ import contextlib
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
@@ -20,21 +20,20 @@ from corpus_tools.conversion.entries import Entry, find_one_file
 from corpus_tools.conversion.fit import FitSettings
 from corpus_tools.conversion.manifest import Manifest
 from mocap_fit.edits import EDITS_ENDING, EditList, load_edits
-from mocap_fit.errors import ConfigurationError, MocapFitError, describe_error
+from mocap_fit.errors import ConfigurationError, MocapFitError, add_path, describe_error
 from mocap_fit.face import load_face
-from mocap_fit.fitting import Layout, load_layout
+from mocap_fit.fitting import Layout, find_layout, load_layout, parse_reference, read_reference
+from mocap_fit.fitting.reference_pose import find_lips
 from mocap_fit.fitting.speaker import Speaker, fit_speaker
 from mocap_fit.io import ReadOptions
 from mocap_fit.phones import PhoneSet, load_phone_set
+from mocap_fit.tracks import MarkerTracks
 
 PARTS = ("markers", "head", "phones", "tracks")
 """Folders of Parquet files; the tracks are written last, when everything else is there."""
 
 AUDIO = "audio"
 """Folder of the sound."""
-
-# Feature points of MPEG-4 on the upper and lower lip: inner border, outer border.
-_LIPS = (("2.2", "2.3"), ("8.1", "8.2"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,28 +148,37 @@ def make_plan(manifest: Manifest, entries: tuple[Entry, ...], root: Path) -> Pla
         If layout, face or phone set cannot be used, or start times should be estimated and the
         layout has no lips.
     """
-    layout_name, face_name = _locate(root, manifest.layout), _locate(root, manifest.face)
+    face_name = _locate(root, manifest.face)
+    read = (ReadOptions() if manifest.reference_as_is else manifest.reading).read_tracks
+    patterns = sorted({entry.reference for entry in entries})
+    layout_name = (
+        _find_layout(root, patterns, read)
+        if manifest.layout is None
+        else _locate(root, manifest.layout)
+    )
     set_name = _locate(root, manifest.phone_set)
     phone_set = load_phone_set(set_name)
     is_shipped = set_name == manifest.phone_set
     set_file = None if is_shipped else (Path(set_name).name, Path(set_name).read_bytes())
-    layout = _set_size_varies(load_layout(layout_name), manifest.fit.size_varies, layout_name)
-    lips = _find_lips(layout, layout_name) if manifest.sync.kind == "estimate" else None
+    layout = lips = None
+    if layout_name is not None:
+        layout = _set_size_varies(load_layout(layout_name), manifest.fit.size_varies, layout_name)
+        lips = _find_lips(layout, layout_name) if manifest.sync.kind == "estimate" else None
     options = cast(FitSettings, manifest.fit.model_dump(exclude={"size_varies", "allow_mirrored"}))
     speakers: dict[str, Speaker] = {}
     fingerprints: dict[str, str] = {}
     unusable: dict[str, str] = {}
     shared = _sum_shared(manifest, b"" if set_file is None else set_file[1])
-    for pattern in sorted({entry.reference for entry in entries}):
+    for pattern in patterns:
         try:
             speaker = fit_speaker(
                 face_name,
                 layout_name,
                 _find_reference(root, pattern),
                 allow_mirrored=manifest.fit.allow_mirrored,
-                read=(ReadOptions() if manifest.reference_as_is else manifest.reading).read_tracks,
+                read=read,
             )
-            speaker = dataclasses.replace(speaker, layout=layout)
+            speaker = dataclasses.replace(speaker, layout=layout or speaker.layout)
         except (MocapFitError, OSError) as error:
             unusable[pattern] = describe_error(error)
             continue
@@ -200,15 +208,35 @@ def _locate(root: Path, name: str) -> str:
     return str(root / name) if (root / name).is_file() else name
 
 
-def _find_reference(root: Path, pattern: str) -> Path:
-    path = find_one_file(root, pattern)
+def _find_layout(
+    root: Path, patterns: Sequence[str], read: Callable[[str | Path], MarkerTracks]
+) -> str | None:
+    """Return the layout that fits the first reference pose; None where none can be read."""
+    for pattern in patterns:
+        try:
+            source = _find_reference(root, pattern)
+            pose, _ = read_reference(source, read)
+        except (MocapFitError, OSError):
+            # It is refused with the utterances that need it.
+            continue
+        try:
+            return find_layout(pose, [root, parse_reference(source).path.parent]).source
+        except ConfigurationError as error:
+            raise add_path(error, source) from None
+    return None
+
+
+def _find_reference(root: Path, pattern: str) -> str:
+    """Return the file of a reference pose, with its span where the pattern has one."""
+    where = parse_reference(pattern)
+    path = find_one_file(root, str(where.path))
     if path is None:
         raise ConfigurationError(
             "the reference pose is missing",
             path=root / pattern,
             advice="Record the face at rest with lips closed, or name its file.",
         )
-    return path
+    return str(dataclasses.replace(where, path=path))
 
 
 def _sum_shared(manifest: Manifest, phone_set_file: bytes) -> str:
@@ -239,16 +267,15 @@ def _set_size_varies(layout: Layout, size_varies: bool | None, name: str) -> Lay
 
 
 def _find_lips(layout: Layout, name: str) -> tuple[str, str]:
-    by_point = {m.feature_point: m.name for m in layout.face_markers}
-    for upper, lower in _LIPS:
-        if upper in by_point and lower in by_point:
-            return by_point[upper], by_point[lower]
-    raise ConfigurationError(
-        "the layout has no markers in the middle of both lips, which an estimated offset needs",
-        path=name,
-        expected="feature points 2.2 and 2.3, or 8.1 and 8.2",
-        advice="Choose another kind of [sync] in the manifest.",
-    )
+    lips = find_lips(layout)
+    if lips is None:
+        raise ConfigurationError(
+            "the layout has no markers in the middle of both lips, which an estimated offset needs",
+            path=name,
+            expected="feature points 2.2 and 2.3, or 8.1 and 8.2",
+            advice="Choose another kind of [sync] in the manifest.",
+        )
+    return lips
 
 
 _MISSING = {

@@ -29,6 +29,8 @@ class ConversionReport:
     ----------
     out
         Folder of the corpus.
+    layout
+        Name of the marker layout; empty where no reference pose could be used.
     entries
         The utterances of the manifest.
     results
@@ -42,6 +44,7 @@ class ConversionReport:
     """
 
     out: Path
+    layout: str
     entries: Sequence[Entry]
     results: Mapping[str, ItemResult]
     unlisted: Sequence[str]
@@ -78,6 +81,7 @@ class ConversionReport:
         good = [row for row in rows if "error" not in row]
         return {
             "out": str(self.out),
+            "layout": self.layout,
             "removed": list(self.removed),
             "seconds": self.seconds,
             "converted": sum(not row["kept"] for row in good),

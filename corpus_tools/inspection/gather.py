@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import warnings
 import zipfile
 from collections.abc import Mapping
@@ -13,14 +14,13 @@ import numpy as np
 from corpus_tools.inspection.material import Material, Path_
 from corpus_tools.validation.findings import Finding
 from corpus_tools.validation.reading import Files, group_files
-from corpus_tools.validation.shapes import guess_layout
 from corpus_tools.validation.subject import Context, Subject, check_subject
 from corpus_tools.validation.thresholds import load_thresholds
 from mocap_fit.corpus import DESCRIPTION_FILE, Corpus, open_corpus
 from mocap_fit.edits import EditList, load_edits, start_edits
 from mocap_fit.errors import ConfigurationError, DataError, MocapFitError, MocapFitWarning
 from mocap_fit.face import Rig, load_face
-from mocap_fit.fitting import Layout, load_layout
+from mocap_fit.fitting import Layout, find_layout, load_layout
 from mocap_fit.fitting.layout import list_layouts
 from mocap_fit.fitting.speaker import Speaker, fit_speaker
 from mocap_fit.head import remove_head_motion
@@ -151,7 +151,7 @@ def gather_recording(
         If an edit cannot be applied, or the reference pose, labels or sound cannot be read.
     """
     recording = edits.apply(tracks)
-    layout = _find_layout(recording, sources)
+    layout = _find_layout(recording, path, sources)
     files = _find_beside(path)
     labels = _read_labels(path, files, sources, edits)
     sound = _read_sound(files, sources)
@@ -373,8 +373,13 @@ def _load_layout(name: object) -> Layout | None:
     return load_layout(str(name)) if name else None
 
 
-def _find_layout(recording: MarkerTracks, sources: Sources) -> Layout | None:
-    return _load_layout(sources.layout) or guess_layout(recording.names)
+def _find_layout(recording: MarkerTracks, path: Path, sources: Sources) -> Layout | None:
+    """Return the layout that is named, or fits, or None."""
+    if sources.layout is not None:
+        return load_layout(sources.layout)
+    with contextlib.suppress(ConfigurationError):
+        return find_layout(recording, [path.parent]).layout
+    return None
 
 
 def _find_beside(path: Path) -> Files:

@@ -44,7 +44,7 @@ def read_parameters(path: Path) -> ParameterTracks:
 
 def _fit_speaker(look: Look) -> Speaker | None:
     """Return the speaker whose reference pose and layout are known."""
-    if look.reference is None or look.layout is None:
+    if look.reference is None:
         return None
     from mocap_fit.fitting import fit_speaker
 

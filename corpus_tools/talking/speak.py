@@ -100,10 +100,10 @@ class Look:
     head
         The measured pose of the head (Parquet), as a corpus has it: the head moves so.
     reference
-        The reference pose of the speaker; with it and ``layout`` markers and pose are brought to
-        the face as `fit` does it, without it they must have its axes already.
+        The reference pose of the speaker, or ``FILE@START-END`` (seconds); with it markers and
+        pose are brought to the face as `fit` does it, without it they must have its axes already.
     layout
-        The marker layout of the recording.
+        The marker layout of the recording; None for the one that fits.
     """
 
     rate: float = 25.0
@@ -117,7 +117,7 @@ class Look:
     face: str = "built-in"
     markers: Path | None = None
     head: Path | None = None
-    reference: Path | None = None
+    reference: str | Path | None = None
     layout: str | None = None
 
 

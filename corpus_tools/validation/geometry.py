@@ -10,11 +10,11 @@ import numpy as np
 
 from corpus_tools.validation.findings import Finding, Location, locate
 from corpus_tools.validation.markers import collect_evidence
-from corpus_tools.validation.shapes import Stilled
 from corpus_tools.validation.slips import find_slips
 from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.fitting import Layout
 from mocap_fit.fitting.coordinates import locate_expected
+from mocap_fit.head.aligned_frames import AlignedFrames
 from mocap_fit.head.alignment import (
     Alignment,
     align_shapes,
@@ -63,7 +63,7 @@ class Shape:
 
 def summarise(
     recording: MarkerTracks,
-    still: Stilled,
+    still: AlignedFrames,
     layout: Layout | None,
     location: Location,
     limits: Thresholds,
@@ -129,7 +129,7 @@ def check_layout(recording: MarkerTracks, layout: Layout, location: Location) ->
 
 def check_head(
     recording: MarkerTracks,
-    still: Stilled,
+    still: AlignedFrames,
     head: Sequence[int],
     location: Location,
     limits: Thresholds,

@@ -7,10 +7,11 @@ import hashlib
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
-from corpus_tools.validation import geometry, shapes
+from corpus_tools.validation import geometry
 from corpus_tools.validation.findings import Finding, Location
 from corpus_tools.validation.geometry import Shape
 from corpus_tools.validation.labels import Surroundings, check_phone_tier
@@ -27,8 +28,9 @@ from corpus_tools.validation.thresholds import Thresholds
 from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.face import Rig
 from mocap_fit.face.lips import compute_lip_gap
-from mocap_fit.fitting import Layout
+from mocap_fit.fitting import Layout, find_layout
 from mocap_fit.fitting.marker_names import match_subject
+from mocap_fit.head.aligned_frames import align_frames
 from mocap_fit.io import ReadOptions
 from mocap_fit.labels import Tier
 from mocap_fit.phones import PhoneSet
@@ -268,7 +270,7 @@ def check_recording(
     shape
         To be compared with others; None where nothing can be told.
     """
-    layout = context.layout or shapes.guess_layout(recording.names)
+    layout = context.layout or _guess_layout(recording, location)
     if layout is not None:
         recording = match_subject(layout, recording)
     findings: list[Finding] = []
@@ -279,7 +281,7 @@ def check_recording(
         head = [k for k, name in enumerate(recording.names) if name in names]
     recording, exchanged = mend_head(recording, head, location, context.limits)
     findings += exchanged
-    still = shapes.remove_motion(recording, head)
+    still = align_frames(recording, head)
     findings += check_markers(
         recording, None if still is None else still.positions, location, context.limits
     )
@@ -292,6 +294,14 @@ def check_recording(
     varies = layout is not None and layout.size_varies
     findings += geometry.check_head(recording, still, head, location, context.limits, varies)
     return findings, geometry.summarise(recording, still, layout, location, context.limits)
+
+
+def _guess_layout(recording: MarkerTracks, location: Location) -> Layout | None:
+    """Return the layout that fits, of the shipped ones and those beside the file; None if none."""
+    try:
+        return find_layout(recording, [Path(location.file).parent]).layout
+    except ConfigurationError:
+        return None
 
 
 def _drop_pulses(subject: Subject, limits: Thresholds) -> tuple[Sound, int | None, list[Finding]]:

@@ -22,6 +22,7 @@ def validate(
     layout: str | None = None,
     phone_set: str | None = None,
     edits: str | os.PathLike[str] | None = None,
+    reference: Sequence[str | os.PathLike[str]] = (),
     page: str | os.PathLike[str] | None = None,
     rate: float | None = None,
     unit: str | None = None,
@@ -49,6 +50,9 @@ def validate(
     edits
         An edit list, or a folder of ``RECORDING.edits.toml``; those beside the recordings where
         left out. Edits are applied before anything is checked.
+    reference
+        Reference poses, ``FILE`` or ``FILE@START-END`` (seconds), besides those that the manifest
+        of a folder names, or its ``reference.*``.
     page
         A new HTML file with the report and its pictures; None for no page.
     rate
@@ -75,6 +79,7 @@ def validate(
         If thresholds, layout or phone set cannot be used, or the page cannot be written.
     """
     from corpus_tools.validation import Context, Report, load_thresholds
+    from corpus_tools.validation.references import check_reference
     from mocap_fit.corpus import DESCRIPTION_FILE
     from mocap_fit.fitting import load_layout
     from mocap_fit.io import ReadOptions
@@ -104,6 +109,9 @@ def validate(
             loose.append(path)
     if loose:
         _validate_files(loose, context, report, jobs, progress)
+    for source in reference:
+        report.add(list(check_reference(source, context)))
+        report.checked.append(f"{source}: a reference pose")
     report.finish()
     if page is not None:
         from corpus_tools.validation.page import write_page
@@ -150,12 +158,17 @@ def _validate_files(
     from corpus_tools.validation import corpora, reading
     from corpus_tools.validation.findings import Finding, Location
     from corpus_tools.validation.many import check_each
+    from corpus_tools.validation.references import check_reference, find_references
 
     chosen: list[Path] = []
     for path in paths:
         if path.is_dir():
             inside, others = reading.list_files(path)
             chosen += inside
+            for source in find_references(path):
+                # What cannot be read is said of the file as such.
+                faults = (f for f in check_reference(source, context) if f.code != "MF001")
+                report.add(list(faults))
             if not inside:
                 report.add([Finding("MF002", Location(str(path)), "no recording, label or sound")])
             if others:

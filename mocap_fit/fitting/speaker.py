@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import html
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,15 +14,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mocap_fit._version import __version__
-from mocap_fit.errors import ConfigurationError, DataError, add_path
+from mocap_fit.errors import ConfigurationError, DataError, MocapFitWarning, add_path
 from mocap_fit.face import Rig, load_face, to_parameters
 from mocap_fit.fitting.binding import Binding, bind_markers
 from mocap_fit.fitting.coordinates import check_recording, check_reference
 from mocap_fit.fitting.layout import Layout, load_layout
+from mocap_fit.fitting.layout_search import find_layout
 from mocap_fit.fitting.marker_names import match_names
 from mocap_fit.fitting.objective import Objective
 from mocap_fit.fitting.orientation import fit_orientation
 from mocap_fit.fitting.over_time import fit_over_time
+from mocap_fit.fitting.reference_pose import (
+    align_reference,
+    find_reference_faults,
+    parse_reference,
+    read_reference,
+)
 from mocap_fit.fitting.shape import ShapeFit, fit_shape
 from mocap_fit.fitting.solving import NEWTON_NLOPT
 from mocap_fit.head import HeadMotion, match_size, remove_head_motion
@@ -324,7 +332,7 @@ class Speaker:
 
 def fit_speaker(
     face: Rig | str | Path,
-    layout: Layout | str | Path,
+    layout: Layout | str | Path | None,
     reference: MarkerTracks | str | Path,
     *,
     allow_mirrored: bool = False,
@@ -337,9 +345,12 @@ def fit_speaker(
     face
         A face, or what `load_face` takes: ``"built-in"`` or a rig file.
     layout
-        A marker layout, or what `load_layout` takes: the name of one, or its file.
+        A marker layout, or what `load_layout` takes: the name of one, or its file. None for the
+        one that fits the names and the shape of the reference pose, of the shipped ones and those
+        in its folder.
     reference
-        The reference pose, or a file of it: the median over its frames is used.
+        The reference pose, or a file of it, or a span of a file: ``take.tsv@0.2-0.5`` (seconds).
+        The median over its frames is used, laid on each other by the head markers.
     allow_mirrored
         Whether a face's mirror image is turned round, and not refused.
     read
@@ -356,9 +367,14 @@ def fit_speaker(
         If the reference pose lacks markers of the layout, is a face's mirror image, or cannot be
         laid on the face.
     ConfigurationError
-        If the layout or the face is wrong, or they do not fit each other.
+        If the layout or the face is wrong, they do not fit each other, or no layout fits.
     FileFormatError
         If the reference pose cannot be read.
+
+    Warns
+    -----
+    MocapFitWarning
+        If the reference pose speaks or moves, or another span of its recording is twice as still.
 
     See Also
     --------
@@ -378,11 +394,22 @@ def fit_speaker(
     """
     rig = load_face(face) if isinstance(face, (str, Path)) else face
     face_name = Path(face).name if isinstance(face, (str, Path)) else type(face).__name__
+    if isinstance(reference, MarkerTracks):
+        pose = take = reference
+        reference_path = pose.name or "reference"
+        recording = Path(reference_path)
+    else:
+        pose, take = read_reference(reference, read)
+        reference_path = str(reference)
+        recording = parse_reference(reference).path
+    if layout is None:
+        try:
+            layout = find_layout(pose, [] if pose is reference else [recording.parent]).layout
+        except ConfigurationError as error:
+            raise add_path(error, reference_path) from None
     markers = layout if isinstance(layout, Layout) else load_layout(layout)
-    pose = reference if isinstance(reference, MarkerTracks) else read(reference)
     # Errors name the file that the user can mend.
     layout_path = (markers.name or "layout") if isinstance(layout, Layout) else layout
-    reference_path = (pose.name or "reference") if pose is reference else str(reference)
     try:
         to_parameters(markers.reference_parameters, rig.parameter_names)
     except DataError as error:
@@ -390,6 +417,13 @@ def fit_speaker(
     try:
         pose = match_names(markers, pose, complete=True)
         _check_head_markers(markers, pose)
+        take = pose if take is reference else match_names(markers, take, complete=True)
+        faults = list(find_reference_faults(markers, pose, take, recording))
+        if faults:
+            text = "; ".join(f"{fault.problem} (expected {fault.expected})" for fault in faults)
+            text = f"{reference_path}: {text}. {faults[0].advice}"
+            warnings.warn(text, MocapFitWarning, stacklevel=2)
+        pose = align_reference(markers, pose)
         pose = check_reference(markers, pose, allow_mirrored=allow_mirrored)
         orientation = fit_orientation(rig, markers, pose)
         binding = bind_markers(rig, markers, pose, orientation)

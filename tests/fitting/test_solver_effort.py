@@ -47,7 +47,7 @@ def test_newton_takes_few_steps_after_a_jump(speech, objective):
     jumpy = still.replace(positions=still.positions[order], origin=still.origin[order])
     fit = speaker.fit_shape(jumpy, objective=objective, solver="newton")
     straight = speaker.fit_shape(still, objective=objective, solver="newton")
-    np.testing.assert_allclose(fit.costs, straight.costs[order], rtol=1e-6)
+    np.testing.assert_allclose(fit.costs, straight.costs[order], rtol=1e-5)
     assert fit.evaluations.mean() < 3.6
     assert fit.evaluations.max() <= 6
 

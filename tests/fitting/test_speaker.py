@@ -9,7 +9,14 @@ import pytest
 from corpus_tools.simulation import Conditions, Session
 from mocap_fit import load_sample, read_tracks
 from mocap_fit.errors import ConfigurationError, DataError
-from mocap_fit.fitting import Speaker, bind_markers, fit_orientation, fit_shape, fit_speaker
+from mocap_fit.fitting import (
+    Speaker,
+    align_reference,
+    bind_markers,
+    fit_orientation,
+    fit_shape,
+    fit_speaker,
+)
 from mocap_fit.fitting import load_layout as load
 from mocap_fit.fitting.precision import compute_covariance
 from mocap_fit.fitting.speaker import _flatten
@@ -38,8 +45,9 @@ def fitted(speaker, noisy):
 
 
 def test_it_does_the_steps_that_a_user_can_do(noisy, face, layout, speaker, fitted):
-    orientation = fit_orientation(face, layout, noisy[0])
-    binding = bind_markers(face, layout, noisy[0], orientation)
+    reference = align_reference(layout, noisy[0])
+    orientation = fit_orientation(face, layout, reference)
+    binding = bind_markers(face, layout, reference, orientation)
     still, motion = speaker.remove_head_motion(noisy[1].recording)
     alone = fit_shape(binding, still)
     np.testing.assert_array_equal(fitted.parameters.values, alone.parameters.values)

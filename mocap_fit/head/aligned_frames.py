@@ -1,4 +1,4 @@
-"""The typical shape of the markers of a recording, and the layout that its names belong to."""
+"""The frames of a recording laid on each other, where no reference pose is known."""
 
 from __future__ import annotations
 
@@ -7,21 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_fit.fitting import Layout, load_layout
-from mocap_fit.fitting.layout import list_layouts
-from mocap_fit.io.names import split_subject
 from mocap_fit.tracks import FloatArray, MarkerTracks, estimate_rigid_transforms
 from mocap_fit.tracks.rigid import apply_inverse_transforms, project_to_rotations
 from mocap_fit.tracks.rigid_sets import compute_median, compute_typical_shape
 from mocap_fit.tracks.robust import estimate_robust_transforms
 
-# A shipped layout is taken where a recording has as many of its markers.
-_KNOWN_SHARE = 0.8
-
 
 @dataclass(frozen=True, eq=False)
-class Stilled:
-    """A recording without the head's motion.
+class AlignedFrames:
+    """The frames of a recording, laid on each other by the markers that are rigid with the head.
 
     Parameters
     ----------
@@ -45,11 +39,26 @@ class Stilled:
     @property
     def placed(self) -> FloatArray:
         """The shape at the middle pose in the recording's coordinates, `(markers, 3)`."""
-        return np.asarray(self.shape @ self.mean_rotation.T + self.mean_translation)
+        return self.place(self.shape)
+
+    def place(self, points: FloatArray) -> FloatArray:
+        """Bring points to the middle pose in the recording's coordinates.
+
+        Parameters
+        ----------
+        points
+            ``(..., 3)``, millimetres, in the coordinates of the typical shape.
+
+        Returns
+        -------
+        ndarray
+            ``(..., 3)``, millimetres.
+        """
+        return np.asarray(points @ self.mean_rotation.T + self.mean_translation)
 
 
-def remove_motion(recording: MarkerTracks, head: Sequence[int]) -> Stilled | None:
-    """Take the head's motion out of a recording, by its head markers or, without, by all.
+def align_frames(recording: MarkerTracks, head: Sequence[int]) -> AlignedFrames | None:
+    """Lay the frames of a recording on each other, by its head markers or, without, by all.
 
     Parameters
     ----------
@@ -60,7 +69,7 @@ def remove_motion(recording: MarkerTracks, head: Sequence[int]) -> Stilled | Non
 
     Returns
     -------
-    Stilled or None
+    AlignedFrames or None
         None where no frame shows three markers that are not on a line.
     """
     positions = recording.positions
@@ -79,34 +88,10 @@ def remove_motion(recording: MarkerTracks, head: Sequence[int]) -> Stilled | Non
     if not known.any():
         return None
     still = apply_inverse_transforms(positions, rotations, translations)
-    return Stilled(
-        still,
-        compute_median(still),
-        residuals,
-        project_to_rotations(rotations[known].sum(axis=0)),
-        np.median(translations[known], axis=0),
+    # About the set's middle: far from it, a noisy rotation moves points far.
+    centre = np.nanmean(shape, axis=0)
+    middle = np.median(rotations[known] @ centre + translations[known], axis=0)
+    rotation = project_to_rotations(rotations[known].sum(axis=0))
+    return AlignedFrames(
+        still, compute_median(still), residuals, rotation, middle - rotation @ centre
     )
-
-
-def guess_layout(names: Sequence[str]) -> Layout | None:
-    """Guess the shipped layout from the markers' names.
-
-    Parameters
-    ----------
-    names
-        Names of the markers.
-
-    Returns
-    -------
-    Layout or None
-        The layout that most of the names belong to; None where none does.
-    """
-    best, best_layout = _KNOWN_SHARE, None
-    known = {split_subject(name)[1] for name in names}
-    for name in list_layouts():
-        layout = load_layout(name)
-        wanted = [marker.name for marker in layout.markers]
-        share = sum(marker in known for marker in wanted) / len(wanted)
-        if share > best:
-            best, best_layout = share, layout
-    return best_layout
