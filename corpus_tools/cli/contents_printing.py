@@ -21,6 +21,8 @@ _UNITS = {
     "loudest_db": "dB",
     "quietest_db": "dB",
     "memory_to_fit": "GB",
+    "stillest_residual": "mm",
+    "marker_offset": "mm",
 }
 _SHARES = {"gap_rate"}
 # A question that matters less, as a share, has no row.
@@ -68,7 +70,13 @@ def _create_record_table(key: str, records: Sequence[Mapping[str, Any]]) -> Any:
     for column in columns:
         is_number = all(isinstance(record.get(column), (int, float)) for record in records)
         label = Text(_format_label(column))
-        table.add_column(label, justify="right" if is_number else "left", overflow="fold")
+        # A name that is broken over lines cannot be copied.
+        table.add_column(
+            label,
+            justify="right" if is_number else "left",
+            overflow="fold",
+            no_wrap=column in ("name", "class"),
+        )
     for record in records:
         table.add_row(*(Text(_format_quantity(column, record.get(column))) for column in columns))
     return table

@@ -31,12 +31,13 @@ def _demo(
 
 def _info(
     files: Annotated[
-        list[Path],
+        list[Path] | None,
         Argument(
             metavar="FILE",
-            help="Recordings, labels, sound, trained models, corpora; folders of such files.",
+            help="Recordings, labels, sound, models, corpora, layouts, phone sets, manifests; "
+            "folders of such files; names of what is shipped. Without: all that is shipped.",
         ),
-    ],
+    ] = None,
     tree: Annotated[
         str | None, Option(metavar="PHONE/PARAMETER", help="Show a tree of a CART model.")
     ] = None,
@@ -57,10 +58,10 @@ def _info(
     subject: arguments.Subject = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show what recordings, labels, sound, models and corpora hold; look into trees."""
+    """Show what files and folders hold, what is shipped, and the trees of models."""
     reading = arguments.parse_reading(rate, unit, subject, rename)
     if tree is not None or svg is not None or explain is not None or questions:
-        if len(files) != 1:
+        if files is None or len(files) != 1:
             raise typer.BadParameter("give one model", param_hint="FILE")
         from corpus_tools.cli.contents_printing import print_model
 
@@ -79,7 +80,7 @@ def _info(
         elif not as_json:
             print_contents(content)
 
-    report = run(files, **reading, progress=show)
+    report = run(files or (), **reading, progress=show)
     if as_json:
         display.print_json(report.contents)
     # Last, where they are not scrolled away.

@@ -7,7 +7,7 @@ import contextlib
 import dataclasses
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
@@ -188,19 +188,43 @@ def make_plan(manifest: Manifest, entries: tuple[Entry, ...], root: Path) -> Pla
     if not speakers:
         # A face that cannot be used is no fault of the reference poses.
         load_face(face_name)
+    usable = [entry for entry in entries if entry.reference not in unusable]
+    items, refused = find_files(manifest, usable, root)
+    refused |= {e.id: unusable[e.reference] for e in entries if e.reference in unusable}
+    settings = Settings(manifest, options, phone_set, speakers, lips, fingerprints)
+    return Plan(entries, items, refused, settings, set_file)
+
+
+def find_files(
+    manifest: Manifest, entries: Iterable[Entry], root: Path
+) -> tuple[tuple[UtteranceItem, ...], dict[str, str]]:
+    """Find the files of utterances.
+
+    Parameters
+    ----------
+    manifest
+        The manifest.
+    entries
+        Its utterances.
+    root
+        Folder that its paths are under.
+
+    Returns
+    -------
+    items
+        The utterances that have all their files.
+    refused
+        Why others cannot be converted, by id.
+    """
     finder = _Finder(root)
     items: list[UtteranceItem] = []
     refused: dict[str, str] = {}
     for entry in entries:
-        if entry.reference in unusable:
-            refused[entry.id] = unusable[entry.reference]
-            continue
         try:
             items.append(_find_files(manifest, entry, finder))
         except MocapFitError as error:
             refused[entry.id] = str(error)
-    settings = Settings(manifest, options, phone_set, speakers, lips, fingerprints)
-    return Plan(entries, tuple(items), refused, settings, set_file)
+    return tuple(items), refused
 
 
 def _locate(root: Path, name: str) -> str:

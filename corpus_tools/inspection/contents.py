@@ -1,4 +1,4 @@
-"""Describe what a file or a corpus holds: recordings, labels, sound, corpora, models."""
+"""Describe what a file or a folder holds: recordings, labels, sound, corpora, models."""
 
 from __future__ import annotations
 
@@ -12,9 +12,16 @@ from typing import Any
 
 import numpy as np
 
+from corpus_tools.inspection.descriptions import (
+    describe_folder,
+    describe_settings,
+    is_shipped,
+)
 from mocap_fit.corpus import DESCRIPTION_FILE, Corpus, open_corpus
 from mocap_fit.edits import load_edits, locate_edits
 from mocap_fit.errors import DataError, MocapFitError, MocapFitWarning
+from mocap_fit.fitting import rank_layouts, suggest_reference
+from mocap_fit.fitting.marker_names import match_subject
 from mocap_fit.fitting.memory import check_memory, estimate_memory
 from mocap_fit.io import ReadOptions, describe
 from mocap_fit.labels import (
@@ -28,12 +35,17 @@ from mocap_fit.phones import find_phone_sets, read_stored_phones
 from mocap_fit.size_limit import measure_file
 from mocap_fit.sound import SOUND_ENDINGS, energy_db, read_sound
 from mocap_fit.sound.energy import WINDOW
+from mocap_fit.tracks import MarkerTracks
 from mocap_fit.tracks.parquet_file import read_kind
 
 # More than these are counted only.
 _LISTED = 40
 # Share of the symbols that a phone set has if they are to be phones.
 _MOST = 0.75
+# Share of a layout's markers from which it is named.
+_NEAR_LAYOUT = 0.5
+# Frames of a recording in which a still span is looked for.
+_SEARCHED = 20_000
 
 
 def describe_contents(path: str | os.PathLike[str], options: ReadOptions) -> Mapping[str, Any]:
@@ -42,7 +54,8 @@ def describe_contents(path: str | os.PathLike[str], options: ReadOptions) -> Map
     Parameters
     ----------
     path
-        A recording, parameters, phones, labels, sound, a trained model, or a corpus's folder.
+        A recording, parameters, phones, labels, sound, a trained model, a TOML file, a folder, or
+        the name of a shipped layout or phone set.
     options
         How recordings are read.
 
@@ -57,6 +70,12 @@ def describe_contents(path: str | os.PathLike[str], options: ReadOptions) -> Map
         If it cannot be read.
     """
     file = Path(path)
+    if not file.exists() and is_shipped(str(path)):
+        return {"file": os.fspath(path), **describe_settings(path)}
+    if file.suffix.lower() == ".toml" and file.name != DESCRIPTION_FILE:
+        return {"file": os.fspath(path), **describe_settings(path)}
+    if file.is_dir() and not (file / DESCRIPTION_FILE).is_file():
+        return {"file": os.fspath(path), **describe_folder(file)}
     if file.is_dir() or file.name == DESCRIPTION_FILE:
         content = _describe_corpus(file.parent if file.name == DESCRIPTION_FILE else file)
         return {"file": os.fspath(path), **content}
@@ -234,6 +253,32 @@ def _describe_model(path: str | os.PathLike[str]) -> dict[str, Any]:
     }
 
 
+def _describe_markers(recording: MarkerTracks, path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return the layout that fits a recording, and its stillest span with closed lips."""
+    matches = rank_layouts(recording, [Path(path).parent])
+    best = matches[0] if matches else None
+    if best is None or best.share < _NEAR_LAYOUT:
+        return {"layout": None}
+    about: dict[str, Any] = {"layout": best.source}
+    if best.lacking:
+        about["lacking_markers"] = list(best.lacking)
+    if not best.has_shape:
+        about["layout"] = f"{best.source} by its names, but not by its shape"
+        return about
+    try:
+        some = match_subject(best.layout, recording)
+        if some.frames > _SEARCHED:
+            some = some.between(None, float(some.times[_SEARCHED]))
+        span = suggest_reference(some, best.layout)
+    except DataError:
+        return about
+    return {
+        **about,
+        "stillest_span": f"{os.fspath(path)}@{span}",
+        "stillest_residual": round(span.residual, 3),
+    }
+
+
 def _describe_recording(path: str | os.PathLike[str], options: ReadOptions) -> dict[str, Any]:
     content = describe(path, read=options.read)
     edits = locate_edits(path)
@@ -246,6 +291,7 @@ def _describe_recording(path: str | os.PathLike[str], options: ReadOptions) -> d
             names = "cannot be used"
         content["edits"] = f"{edits.name}: {names}"
     if content["content"] == "markers":
+        content |= _describe_markers(options.read_tracks(path), path)
         size = content["frames"], len(content["markers"])
         content["memory_to_fit"] = round(estimate_memory(*size) / 2**30, 2)
         try:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from corpus_tools.inspection.contents import describe_contents
+from corpus_tools.inspection.descriptions import describe_shipped
 from corpus_tools.validation.reading import list_files
 from mocap_fit.corpus import DESCRIPTION_FILE
 from mocap_fit.errors import describe_error
@@ -38,7 +39,7 @@ class Info:
 
 
 def info(
-    files: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    files: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] = (),
     *,
     rate: float | None = None,
     unit: str | None = None,
@@ -51,8 +52,9 @@ def info(
     Parameters
     ----------
     files
-        Recordings, labels, sound, trained models, corpora, and folders that hold recordings,
-        labels and sound.
+        Recordings, labels, sound, trained models, corpora, layouts, phone sets, manifests, rig
+        files, edit lists, and folders of such files; also names of shipped layouts and phone sets.
+        Without any, what is shipped is described.
     rate
         Frame rate of the recordings, hertz, in place of what the files say.
     unit
@@ -72,6 +74,10 @@ def info(
     options = ReadOptions(rate, unit, subject, rename or {})
     listed = [files] if isinstance(files, (str, os.PathLike)) else files
     contents: list[Mapping[str, Any]] = []
+    if not listed:
+        contents.append(describe_shipped())
+        if progress is not None:
+            progress(contents[0], None)
     for file in (file for path in listed for file in _list_files(path)):
         fault: Exception | None = None
         try:
@@ -86,9 +92,9 @@ def info(
 
 
 def _list_files(path: str | os.PathLike[str]) -> Sequence[str | os.PathLike[str]]:
-    """Return the files of a folder that is no corpus, as `validate` takes them, or the path."""
+    """Return a folder that is no corpus, and its files as `validate` takes them; or the path."""
     folder = Path(path)
     if not folder.is_dir() or (folder / DESCRIPTION_FILE).is_file():
         return [path]
     files, unknown = list_files(folder)
-    return sorted([*files, *unknown]) or [path]
+    return [path, *sorted([*files, *unknown])]

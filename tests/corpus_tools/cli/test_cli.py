@@ -79,7 +79,7 @@ class TestCalls:
         for command in cli.app.registered_commands:
             assert f" {command.name} " in shown.out
 
-    @pytest.mark.parametrize("arguments", [["nonsense"], ["info"], ["info", "--nonsense", "x"]])
+    @pytest.mark.parametrize("arguments", [["nonsense"], ["train"], ["info", "--nonsense", "x"]])
     def test_a_wrong_call_is_status_2(self, arguments, capsys):
         assert cli.main(arguments) == 2
         shown = capsys.readouterr()

@@ -166,7 +166,7 @@ def test_folders_and_files_with_errors_last(tmp_path, corpus, capsys):
     paths = [folder, tmp_path / "corpus", tmp_path / "empty", tmp_path / "absent.wav"]
     rows = info(capsys, *paths, status=1)
     within = [folder / name for name in ("a.wav", "b.wav", "c.tsv", "inside/d.wav")]
-    assert [row["file"] for row in rows] == [str(path) for path in (*within, *paths[1:])]
+    assert [row["file"] for row in rows] == [str(path) for path in (folder, *within, *paths[1:])]
     bad = [within[0], within[2], *paths[2:]]
     assert [row["file"] for row in rows if "error" in row] == [str(path) for path in bad]
     assert all(row["file"] in row["error"] for row in rows if "error" in row)
