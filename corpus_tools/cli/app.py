@@ -10,6 +10,8 @@ both into exit statuses.
 from __future__ import annotations
 
 import gc
+import os
+import shutil
 import sys
 from collections.abc import Sequence
 from typing import Annotated, Any
@@ -18,7 +20,7 @@ import typer
 from typer.core import TyperGroup
 
 from corpus_tools.cli import console, corpus_commands, look_commands, model_commands, speak_commands
-from corpus_tools.cli.arguments import accept_max_size
+from corpus_tools.cli.arguments import accept_common
 from mocap_fit._version import __version__
 
 
@@ -28,14 +30,18 @@ class _Commands(TyperGroup):
             return super().invoke(ctx)
 
 
+# Columns of a terminal below which the frames of help would cut the names of options.
+_NARROW = 72
+
 app = typer.Typer(
     name=console.PROGRAM,
     cls=_Commands,
     help="From facial motion capture to a talking head.",
-    epilog="Exit status: 0 done, 1 the data is bad, 2 the call is wrong.",
+    epilog="Exit status: 0 done, 1 the data is bad, 2 the call is wrong, 70 a mistake of the "
+    "program, 130 stopped by Ctrl-C, 141 nobody reads the output.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode="rich" if shutil.get_terminal_size().columns >= _NARROW else None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
@@ -51,7 +57,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 done, 1 the data is bad, 2 the call is wrong.
+        0 done, 1 the data is bad, 2 the call is wrong; 70 a mistake of ours, 130 Ctrl-C, 141
+        nobody reads the output.
     """
     console.open_standard_streams()
     for stream in (sys.stdout, sys.stderr):
@@ -59,8 +66,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         reconfigure = getattr(stream, "reconfigure", None)
         if reconfigure is not None:
             reconfigure(errors="backslashreplace")
+    if os.environ.get("NO_COLOR"):
+        from typer import rich_utils
+
+        # Help is printed by typer, in bold and dim letters without it.
+        rich_utils.COLOR_SYSTEM = None
     words = None if arguments is None else list(arguments)
-    status = console.run_guarded(lambda: app(args=words, prog_name=console.PROGRAM))
+    with console.restore_environment():
+        status = console.run_guarded(lambda: app(args=words, prog_name=console.PROGRAM))
     if arguments is None:
         # The process ends: collecting garbage takes up to a third of a second.
         gc.freeze()
@@ -78,7 +91,11 @@ def _accept_options(
     version: Annotated[
         bool,
         typer.Option(
-            "--version", callback=_print_version, is_eager=True, help="Print the version and end."
+            "--version",
+            "-V",
+            callback=_print_version,
+            is_eager=True,
+            help="Print the version and end.",
         ),
     ] = False,
 ) -> None:
@@ -91,4 +108,4 @@ def _accept_options(
 for _module in (look_commands, corpus_commands, model_commands, speak_commands):
     for _name, _command in _module.COMMANDS.items():
         _reads = _name not in ("demo", "simulate")
-        app.command(_name)(accept_max_size(_command) if _reads else _command)
+        app.command(_name)(accept_common(_command, reads=_reads))

@@ -13,7 +13,8 @@ from typing import Annotated, Any, TypeVar
 
 import typer
 
-from mocap_fit.errors import ConfigurationError
+from corpus_tools.cli import console
+from mocap_fit.errors import DEBUG_VARIABLE, ConfigurationError
 from mocap_fit.parsing import parse_toml
 from mocap_fit.size_limit import VARIABLE, get_largest_size
 
@@ -73,40 +74,56 @@ _MaxSize = Annotated[
     str | None,
     Option(metavar="SIZE", help="What a file may unpack to, such as 8GB; by default 2GB."),
 ]
+_Quiet = Annotated[
+    bool, Option("--quiet", "-q", help="Print results and errors only: no progress, no warnings.")
+]
+_Verbose = Annotated[
+    bool, Option("--verbose", "-v", help="Print the tracebacks of errors, and all warnings.")
+]
 
 
-def accept_max_size(command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command with the option of how large the files that it reads may be.
+def accept_common(command: Callable[..., None], *, reads: bool) -> Callable[..., None]:
+    """Return a command with the options that all commands have.
 
     Parameters
     ----------
     command
         The command.
+    reads
+        Whether it reads files, and may limit how large they are.
 
     Returns
     -------
     Callable
-        The command; the limit holds for the processes that it starts as well.
+        The command; `console.restore_environment` undoes what it sets.
     """
 
     @functools.wraps(command)
-    def run(*, max_size: str | None, **values: Any) -> None:
-        former = os.environ.get(VARIABLE, "")
-        os.environ[VARIABLE] = former if max_size is None else max_size
+    def run(*, quiet: bool, verbose: bool, max_size: str | None = None, **values: Any) -> None:
+        if quiet and verbose:
+            raise typer.BadParameter("goes without --verbose", param_hint="--quiet")
+        # Processes inherit them; when the command ends, they are as before.
+        if quiet:
+            os.environ[console.QUIET_VARIABLE] = "1"
+        if verbose:
+            os.environ[DEBUG_VARIABLE] = "1"
+            console.show_all_warnings()
+        if max_size is not None:
+            os.environ[VARIABLE] = max_size
         try:
             get_largest_size()
         except ConfigurationError as error:
             raise typer.BadParameter(str(error), param_hint="--max-size") from None
-        try:
-            command(**values)
-        finally:
-            os.environ[VARIABLE] = former
+        command(**values)
 
+    kinds: dict[str, tuple[Any, Any]] = {"max_size": (_MaxSize, None)} if reads else {}
+    kinds |= {"quiet": (_Quiet, False), "verbose": (_Verbose, False)}
     signature = inspect.signature(command, eval_str=True)
-    option = inspect.Parameter(
-        "max_size", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=_MaxSize
-    )
-    parameters = [*signature.parameters.values(), option]
+    options = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+        for name, (kind, default) in kinds.items()
+    ]
+    parameters = [*signature.parameters.values(), *options]
     vars(run)["__signature__"] = signature.replace(parameters=parameters)
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return run
@@ -238,7 +255,7 @@ def parse_settings(settings: Sequence[str]) -> dict[str, Any]:
     Parameters
     ----------
     settings
-        ``KEY=VALUE`` each; a value that is not TOML is text.
+        ``KEY=VALUE`` each, or ``TABLE.KEY=VALUE``; a value that is not TOML is text.
 
     Returns
     -------
@@ -253,12 +270,17 @@ def parse_settings(settings: Sequence[str]) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for setting in settings:
         key, equals, text = setting.partition("=")
-        key = key.strip().replace("-", "_")
-        if not equals or not key.isidentifier():
+        *tables, key = key.strip().replace("-", "_").split(".")
+        if not equals or not all(part.isidentifier() for part in (*tables, key)):
             raise typer.BadParameter(f"'{setting}' is not KEY=VALUE", param_hint="--set")
         try:
             value = parse_toml(f"value = {text}")["value"]
         except ValueError:
             value = text
-        values[key] = tuple(value) if isinstance(value, list) else value
+        target = values
+        for table in tables:
+            target = target.setdefault(table, {})
+            if not isinstance(target, dict):
+                raise typer.BadParameter(f"'{table}' is set twice", param_hint="--set")
+        target[key] = tuple(value) if isinstance(value, list) else value
     return values

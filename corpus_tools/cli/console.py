@@ -17,13 +17,23 @@ from collections.abc import Callable, Iterator
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
-from mocap_fit.errors import MocapFitError, MocapFitWarning, describe_error, is_debugging
+from mocap_fit.errors import (
+    DEBUG_VARIABLE,
+    MocapFitError,
+    MocapFitWarning,
+    describe_error,
+    is_debugging,
+)
 from mocap_fit.plain_text import escape_controls
+from mocap_fit.size_limit import VARIABLE
 
 if TYPE_CHECKING:
     from types import FrameType
 
 PROGRAM = "mocap-fit"
+
+QUIET_VARIABLE = "MOCAP_FIT_QUIET"
+"""Environment variable with which results and errors alone are printed."""
 
 
 class Status(IntEnum):
@@ -185,6 +195,50 @@ def print_traceback(text: str | None) -> None:
         print(text, file=sys.stderr, flush=True)
 
 
+@contextlib.contextmanager
+def restore_environment() -> Iterator[None]:
+    """Undo at the end what options have set in the environment.
+
+    Yields
+    ------
+    None
+        Nothing.
+    """
+    names = (VARIABLE, DEBUG_VARIABLE, QUIET_VARIABLE)
+    former = {name: os.environ.get(name) for name in names}
+    try:
+        yield
+    finally:
+        for name, value in former.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def is_quiet() -> bool:
+    """Whether the user wants neither progress nor warnings.
+
+    Returns
+    -------
+    bool
+        True if the environment variable `QUIET_VARIABLE` is set, but for 0.
+    """
+    return os.environ.get(QUIET_VARIABLE, "") not in ("", "0")
+
+
+def note(text: str) -> None:
+    """Print one line on stderr that is neither result nor error, unless the user wants quiet.
+
+    Parameters
+    ----------
+    text
+        The line.
+    """
+    if not is_quiet():
+        say(text)
+
+
 def say(text: str) -> None:
     """Print one line on stderr, after the program's name.
 
@@ -243,7 +297,7 @@ def show_warnings() -> Iterator[None]:
             text = f"warning: {category.__name__}: {message}"
         if text not in seen:
             seen.add(text)
-            say(text)
+            note(text)
 
     with warnings.catch_warnings():
         if not is_debugging():
@@ -253,6 +307,12 @@ def show_warnings() -> Iterator[None]:
         warnings.simplefilter("always", MocapFitWarning)
         warnings.showwarning = show
         yield
+
+
+def show_all_warnings() -> None:
+    """Show the warnings of libraries as well, until the command ends."""
+    warnings.simplefilter("default")
+    warnings.simplefilter("always", MocapFitWarning)
 
 
 def _to_exit_status(code: str | int | None) -> int:

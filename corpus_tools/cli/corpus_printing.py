@@ -79,7 +79,7 @@ class CausePrinter:
         result
             What came of the recording.
         """
-        for line in result.warnings:
+        for line in () if console.is_quiet() else result.warnings:
             cause = f"warning: {result.causes.get(line, line)}"
             self.show(result.name, f"warning: {result.name}: {line}", cause)
         if result.error is not None:

@@ -94,7 +94,18 @@ def create_screen() -> Console:
         # The method of rich would end the program with the status of bad data.
         on_broken_pipe = _raise_reader_gone
 
-    return Screen(markup=False, emoji=False)
+    return Screen(markup=False, emoji=False, color_system=choose_colours())
+
+
+def choose_colours() -> Literal["auto"] | None:
+    """Return rich's name of the colours that are printed.
+
+    Returns
+    -------
+    str or None
+        None, for neither colours nor bold text, where ``NO_COLOR`` is set (no-color.org).
+    """
+    return None if os.environ.get("NO_COLOR") else "auto"
 
 
 def print_lines(*lines: str) -> None:
@@ -171,7 +182,7 @@ def show_progress() -> Iterator[TaskProgress]:
             if total is None:
                 if done == 0 or now - said > _LINE:
                     said = now
-                    console.say(task)
+                    console.note(task)
                 return
             share = done / max(total, 1)
             passed = now - began.setdefault(task, now)
@@ -250,7 +261,7 @@ _Draw = Callable[..., None]
 @contextlib.contextmanager
 def _draw() -> Iterator[_Draw]:
     """Yield a function that shows a task, the share that is done, and a text for it."""
-    if not is_terminal():
+    if not is_terminal() or console.is_quiet():
         yield _create_lines()
         return
     from rich.console import Console
@@ -258,7 +269,9 @@ def _draw() -> Iterator[_Draw]:
 
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[said]}"))
     # Drawn when there is news and not by a thread: processes are copied from this one.
-    with Progress(*columns, console=Console(stderr=True), auto_refresh=False) as bars:
+    with Progress(
+        *columns, console=Console(stderr=True, color_system=choose_colours()), auto_refresh=False
+    ) as bars:
         rows: dict[str, Any] = {}
         drawn = -math.inf
 
@@ -283,6 +296,6 @@ def _create_lines() -> _Draw:
         # All of the work may be done before the last item is finished.
         if int(share * 10) > tenths or (complete and not was_complete):
             shown[task] = max(int(share * 10), tenths), complete
-            console.say(f"{task}: {text}")
+            console.note(f"{task}: {text}")
 
     return draw

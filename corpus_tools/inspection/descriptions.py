@@ -279,9 +279,10 @@ def describe_shipped() -> Mapping[str, Any]:
         ``content`` and records of layouts, phone sets, models, and the regions and feature points
         of the built-in face.
     """
-    from mocap_fit.control import CONTROL_MODELS
+    from mocap_fit.control import CONTROL_MODELS, list_live_models
     from mocap_fit.face import load_face
 
+    live = list_live_models()
     mesh = load_face().mesh
     points: dict[str, list[str]] = {}
     for point in sorted(mesh.feature_points, key=lambda name: tuple(map(int, name.split(".")))):
@@ -301,11 +302,11 @@ def describe_shipped() -> Mapping[str, Any]:
             for name in list_phone_sets()
             for phones in [load_phone_set(name)]
         ],
-        "models": [_describe_model(name) for name in CONTROL_MODELS.names()],
+        "models": [_describe_model(name, name in live) for name in CONTROL_MODELS.names()],
     }
 
 
-def _describe_model(name: str) -> dict[str, Any]:
+def _describe_model(name: str, live: bool) -> dict[str, Any]:
     from mocap_fit.control import create
 
     model = create(name)
@@ -313,7 +314,7 @@ def _describe_model(name: str) -> dict[str, Any]:
     ahead = getattr(model, "look_ahead", math.nan)
     return {
         "name": name,
-        "live": not math.isinf(ahead),
+        "live": live,
         "look_ahead": ahead if math.isfinite(ahead) else None,
         "description": (type(model).__doc__ or "").partition("\n")[0],
     }

@@ -18,7 +18,7 @@ from mocap_fit.tracks import ParameterTracks
 
 Format = Literal["gltf", "fap", "csv"]
 FORMATS: tuple[Format, ...] = ("gltf", "fap", "csv")
-_ENDINGS = {"gltf": ".glb", "fap": ".fap", "csv": ".csv"}
+_ENDINGS = {"gltf": (".glb", ".gltf"), "fap": (".fap",), "csv": (".csv",)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,12 +102,12 @@ def export(
         If the tracks cannot be read, do not belong to the face, or the file cannot be written.
     """
     file = Path(out)
-    if file.suffix.lower() != _ENDINGS[to]:
+    if file.suffix.lower() not in _ENDINGS[to]:
         raise ConfigurationError(
             f"the file has the wrong ending for {to}",
             path=out,
             found=file.suffix or "no ending",
-            expected=f"a name in {_ENDINGS[to]}",
+            expected=f"a name in {' or '.join(_ENDINGS[to])}",
         )
     check_targets([file], [tracks, face])
     remove_partials(file)

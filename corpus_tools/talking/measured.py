@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mocap_fit.errors import FileFormatError
+from mocap_fit.phones import PhoneSequence, read_stored_phones
 from mocap_fit.tracks import MarkerTracks, ParameterTracks, PoseTracks, read_parquet
 
 if TYPE_CHECKING:
@@ -40,6 +41,28 @@ def read_parameters(path: Path) -> ParameterTracks:
             expected="what mocap-fit fit or convert wrote",
         )
     return tracks
+
+
+def read_phones_beside(tracks: Path) -> PhoneSequence | None:
+    """Read the phones of an utterance of a corpus, whose tracks are given.
+
+    Parameters
+    ----------
+    tracks
+        A Parquet file; in a corpus, ``CORPUS/tracks/ID.parquet``.
+
+    Returns
+    -------
+    PhoneSequence | None
+        The phones of ``CORPUS/phones/ID.parquet``; None where there is no such file.
+
+    Raises
+    ------
+    MocapFitError
+        If it cannot be read.
+    """
+    path = tracks.absolute().parent.parent / "phones" / tracks.name
+    return read_stored_phones(path) if path.is_file() else None
 
 
 def _fit_speaker(look: Look) -> Speaker | None:

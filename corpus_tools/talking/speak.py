@@ -12,7 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 from corpus_tools.talking import speak_models
 from corpus_tools.talking.lips import list_events, measure_lips
-from corpus_tools.talking.measured import read_markers, read_parameters, read_pose
+from corpus_tools.talking.measured import (
+    read_markers,
+    read_parameters,
+    read_phones_beside,
+    read_pose,
+)
 from corpus_tools.tasks import TaskProgress, count_steps
 from mocap_fit.atomic_file import check_existing, check_targets, make_folder
 from mocap_fit.control import ControlModel
@@ -336,6 +341,8 @@ def _collect(
             raise ConfigurationError(
                 "a model needs to know what is said", advice="Give the labels too (--labels)."
             )
+        if source.tracks is not None:
+            speech.phones = read_phones_beside(source.tracks)
         return speech, []
     if not models and source.tracks is None:
         models = [speak_models.choose_default(source.language)]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from typing import Any
 
 from corpus_tools.talking import speak_models
 from corpus_tools.tasks import TaskProgress
-from mocap_fit.control import ControlModel
+from mocap_fit.control import ControlModel, list_live_models
 from mocap_fit.errors import FileFormatError, MocapFitError
 from mocap_fit.face.rig import Rig
 from mocap_fit.parsing import parse_json
@@ -66,7 +67,11 @@ def stream(
     chosen = speak_models.find_model(model, language, phone_set, names, progress=progress)
     if progress is not None:
         description = speak_models.describe_model(chosen)
-        progress(f"{description}; looks ahead {chosen.look_ahead:g} s", 0, None)
+        if math.isinf(chosen.look_ahead):
+            ahead = f"waits for the end of each utterance; live are {', '.join(list_live_models())}"
+        else:
+            ahead = f"live, looks ahead {chosen.look_ahead:g} s"
+        progress(f"{description}; {ahead}", 0, None)
     reader = _Reader(lines)
     while not reader.ended:
         try:

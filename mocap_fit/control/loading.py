@@ -69,6 +69,20 @@ def names() -> tuple[str, ...]:
     return CONTROL_MODELS.names()
 
 
+def list_live_models() -> tuple[str, ...]:
+    """List the installed control models that are live: that do not wait for an utterance's end.
+
+    Returns
+    -------
+    tuple[str, ...]
+        Names for `create`, sorted.
+    """
+    # Some know how far they look ahead when they are trained; it is never without end.
+    return tuple(
+        name for name in names() if not math.isinf(getattr(create(name), "look_ahead", 0.0))
+    )
+
+
 def load(path: str | os.PathLike[str]) -> ControlModel:
     """Read a trained model that `ControlModel.save` wrote; no code in the file is run.
 

@@ -1,11 +1,12 @@
 """glTF: the head with its movement, for Blender, game engines and web pages.
 
-One binary file (``.glb``): the mesh in metres, a colour at every vertex, morph targets with the
-names of the parameters, and one animation of their weights.
+One file (``.glb``, or ``.gltf`` with its data inside): the mesh in metres, a colour at every
+vertex, morph targets with the names of the parameters, and one animation of their weights.
 """
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 from pathlib import Path
@@ -34,14 +35,15 @@ def write_gltf(
     rate: float | None = None,
     phones: PhoneSequence | None = None,
 ) -> BlendShapes:
-    """Write a talking head as binary glTF.
+    """Write a talking head as glTF, in one file.
 
     Parameters
     ----------
     tracks
         Face parameters over time.
     path
-        The file, with a name in ``.glb``; an existing one is replaced.
+        The file, with a name in ``.glb`` (binary) or ``.gltf`` (JSON, a third larger); an
+        existing one is replaced.
     rig
         The face.
     rate
@@ -59,7 +61,7 @@ def write_gltf(
     MissingExtraError
         If the extra ``mesh`` is not installed.
     FileFormatError
-        If the name does not end in ``.glb``, or the file cannot be written.
+        If the name ends otherwise, or the file cannot be written.
     DataError
         If the tracks have a parameter that the face lacks, or no frame.
     """
@@ -71,14 +73,28 @@ def write_gltf(
             advice='pip install "mocap-fit[mesh]"',
         ) from None
     target = Path(path)
-    if target.suffix.lower() != ".glb":
-        raise FileFormatError("glTF is written as one file", path=path, expected="a name in .glb")
+    ending = target.suffix.lower()
+    if ending not in (".glb", ".gltf"):
+        raise FileFormatError(
+            "glTF is written as one file", path=path, expected="a name in .glb or .gltf"
+        )
     blended = compute_blend_shapes(tracks, rig, rate, phones)
     document = _Document(pygltflib, rig.mesh, blended)
     content = document.assemble(tracks.name or "talk")
+    if ending == ".gltf":
+        content = _convert_to_text(content)
     with write_atomically(path) as partial:
         partial.write_bytes(content)
     return blended
+
+
+def _convert_to_text(binary: bytes) -> bytes:
+    """Return binary glTF as JSON that holds its buffer."""
+    length = int.from_bytes(binary[12:16], "little")
+    content = json.loads(binary[20 : 20 + length])
+    data = base64.b64encode(binary[28 + length :]).decode()
+    content["buffers"][0]["uri"] = f"data:application/octet-stream;base64,{data}"
+    return json.dumps(content).encode()
 
 
 class _Document:

@@ -215,7 +215,7 @@ def render_movie(
             movie.add(page.compose(pictures, float(times[number])))
             if progress is not None:
                 progress(number + 1, count)
-    with_sound = speech is not None and movie.kind == "mp4"
+    with_sound = speech is not None and movie.kind != "gif"
     return Movie(Path(path), count, rate, page.size, with_sound)
 
 

@@ -31,6 +31,8 @@ except ImportError:
 _PREFIX, _LOCK, _UNLOCKED = ".movie-", "lock", "unlocked"
 
 MovieKind = Literal["mp4", "gif", "png"]
+# The sound, in a folder of pictures.
+_SOUND = "sound.wav"
 _KINDS: dict[str, MovieKind] = {".mp4": "mp4", ".gif": "gif", "": "png"}
 
 # AAC works in blocks of 1024 samples. At these rates one is shorter than a picture.
@@ -322,6 +324,8 @@ class MovieFile:
             if self.kind != "png":
                 os.replace(self._content, self.path)
                 return
+            if self._sound is not None and len(self._sound.samples):
+                write_sound(self._sound, self._folder / _SOUND)
             if self.path.exists():
                 shutil.rmtree(self.path)
             assert self._lock is not None
@@ -460,11 +464,12 @@ def _convert_for_aac(sound: Sound) -> Sound:
 
 
 def _is_replaceable(folder: Path) -> bool:
-    """Return whether a folder holds nothing but the pictures of a movie."""
+    """Return whether a folder holds nothing but the pictures and the sound of a movie."""
     if not folder.is_dir() or folder.is_symlink():
         return False
     return all(
-        entry.name.startswith("frame_") and entry.suffix == ".png" for entry in folder.iterdir()
+        (entry.name.startswith("frame_") and entry.suffix == ".png") or entry.name == _SOUND
+        for entry in folder.iterdir()
     )
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from mocap_fit.errors import ConfigurationError, DataError, FileFormatError, MissingExtraError
 from mocap_fit.render.movie_file import MovieFile, cut_sound, find_ffmpeg, get_movie_kind
-from mocap_fit.sound import Sound
+from mocap_fit.sound import Sound, read_sound
 
 SIZE = (64, 48)
 
@@ -123,6 +123,12 @@ def test_a_folder_of_pictures_is_replaced_by_the_next_but_nothing_else_is(tmp_pa
             f"frame_{i:06d}.png" for i in range(count)
         ]
     assert np.rint(imread(path / "frame_000002.png")[..., :3] * 255).max() == 100
+    # With sound beside, it is still one.
+    for _ in range(2):
+        with MovieFile(path, 25, SIZE, Sound(np.zeros(1600), 16000)) as movie:
+            movie.add(grey(50))
+        assert sorted(p.name for p in path.iterdir()) == ["frame_000000.png", "sound.wav"]
+    assert read_sound(path / "sound.wav").duration == 0.1
     (path / "notes.txt").write_text("mine")
     with pytest.raises(ConfigurationError, match="new folder"):
         MovieFile(path, 25, SIZE)

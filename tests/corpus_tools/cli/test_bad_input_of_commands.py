@@ -538,7 +538,11 @@ WRONG_CALLS = {
     "unknown option": ["fit", "a.tsv", "--quickly"],
     "no recording": ["fit", "--reference", "r.tsv", "--layout", "l", "--out", "o"],
     "no reference": ["fit", "a.tsv", "--layout", "l", "--out", "o"],
-    "no layout": ["fit", "a.tsv", "--reference", "r.tsv", "--out", "o"],
+    "quiet and verbose": ["info", "a.tsv", "-q", "-v"],
+    "a setting that is a table too": [
+        *("train", "c", "--model", "cart", "--out", "o"),
+        *("--set", "a=1", "--set", "a.b=1"),
+    ],
     "no folder for the results": ["fit", "a.tsv", "--reference", "r.tsv", "--layout", "l"],
     "unknown solver": [
         *("fit", "a.tsv", "--reference", "r.tsv", "--layout", "l", "--out", "o"),

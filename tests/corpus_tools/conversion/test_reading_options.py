@@ -105,7 +105,7 @@ def test_what_is_wrong_in_the_recordings_alone(session, plain, tmp_path):
         )
     assert not report.errors
     mended = read_parquet(tmp_path / "out" / "a.parquet")
-    np.testing.assert_allclose(mended.values, plain.values, atol=1e-9)
+    np.testing.assert_allclose(mended.values, plain.values, atol=1e-6)
 
 
 def test_all_on_the_command_line(session, plain, tmp_path, capsys):

@@ -201,6 +201,21 @@ class TestLabelsAndTracks:
         assert [head["head"] for head in report["heads"]] == ["measured", "Rule-based"]
         assert report["size"][0] == 128
 
+    def test_tracks_of_a_corpus_have_their_phones_beside_them(self, tmp_path, tracks, capsys):
+        from mocap_fit.phones import write_phones
+
+        folder = tmp_path / "corpus"
+        for part in ("tracks", "phones"):
+            (folder / part).mkdir(parents=True)
+        copied = folder / "tracks" / "a.parquet"
+        copied.write_bytes(tracks.read_bytes())
+        segments = (PhoneSegment(0.0, 0.3, "sil"), PhoneSegment(0.3, 0.6, "AA"))
+        phones = PhoneSequence(segments, phone_set="en-arpabet", name="a")
+        write_phones(phones, folder / "phones" / "a.parquet")
+        call = ["speak", "--tracks", copied, "--subtitles", "--json", "--size", 64]
+        assert run(*call, "--out", tmp_path / "a") == 0
+        assert json.loads(capsys.readouterr().out)["phones"] == ["sil", "AA"]
+
     def test_markers_of_a_recording_are_drawn_where_they_are_on_the_face(
         self, tmp_path, session, capsys
     ):
@@ -219,7 +234,10 @@ class TestLabelsAndTracks:
         assert 30 < changed.sum() < 2500
         blue = marked[changed]
         assert (blue[:, 2] > blue[:, 0]).mean() > 0.6
-        assert run(*call, "--out", tmp_path / "a") == 2
+        # The layout that fits is found; one without a reference pose is no use.
+        assert run(*call, "--out", tmp_path / "found") == 0
+        without = call[: call.index("--reference")]
+        assert run(*without, "--layout", session.layout, "--out", tmp_path / "a") == 2
 
     def test_a_head_lives_as_its_seed_says_but_not_where_it_was_measured(self, tmp_path):
         segments = (PhoneSegment(0.0, 0.9, "sil"),)
@@ -284,7 +302,7 @@ class TestLabelsAndTracks:
             (["hello", "--audio", "x", "--out", "a"], "its own sound"),
             (["hello", "--view", "back", "--out", "a"], "--view"),
             (["hello", "--head", "x", "--out", "a"], "--tracks"),
-            (["--tracks", "x", "--layout", "y", "--out", "a"], "go together"),
+            (["--tracks", "x", "--layout", "y", "--out", "a"], "goes with"),
         ],
     )
     def test_wrong_calls(self, capsys, arguments, message):
@@ -465,6 +483,12 @@ class TestStream:
         with pytest.raises(FileFormatError, match=r"line 2.*not a phone"):
             self.frames(f"0 0.1 sil\n{wrong}\n")
 
+    def test_it_says_whether_the_model_is_live(self):
+        said = []
+        frames = stream("rule-based", io.StringIO(""), progress=lambda text, *_: said.append(text))
+        assert list(frames) == []
+        assert "waits for the end of each utterance; live are ann, " in said[-1]
+
     @pytest.mark.parametrize(
         ("wrong", "message"),
         [("0.05 0.2 B", "order of time"), ("0.1 0.2 XYZ", "XYZ"), ("0.3 0.2 B", "impossible time")],
@@ -475,12 +499,22 @@ class TestStream:
 
 
 class TestExport:
-    @pytest.mark.parametrize(("kind", "ending"), [("gltf", "glb"), ("fap", "fap"), ("csv", "csv")])
+    @pytest.mark.parametrize(
+        ("kind", "ending"), [("gltf", "glb"), ("gltf", "gltf"), ("fap", "fap"), ("csv", "csv")]
+    )
     def test_each_format(self, tmp_path, tracks, capsys, kind, ending):
         out = tmp_path / f"a.{ending}"
         assert run("export", tracks, "--to", kind, "--out", out, "--json") == 0
         assert json.loads(capsys.readouterr().out)["frames"] == 20
         assert out.stat().st_size > 500
+
+    def test_gltf_in_text_is_what_it_is_in_binary(self, tmp_path, tracks):
+        for name in ("a.glb", "a.gltf"):
+            assert run("export", tracks, "--to", "gltf", "--out", tmp_path / name) == 0
+        library = pytest.importorskip("pygltflib").GLTF2
+        binary, text = (library().load(str(tmp_path / name)) for name in ("a.glb", "a.gltf"))
+        assert text.get_data_from_buffer_uri(text.buffers[0].uri) == binary.binary_blob()
+        assert text.accessors == binary.accessors
 
     def test_a_rate_of_years_is_refused(self, tmp_path, capsys):
         made = ParameterTracks(("a",), 1e-6, np.zeros((20, 1)))

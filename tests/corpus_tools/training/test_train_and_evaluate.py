@@ -162,8 +162,13 @@ def test_a_training_on_few_sentences_says_what_to_expect(corpus_folder, tmp_path
 def test_settings_are_read_as_toml_or_text():
     found = parse_settings(["stress=false", "hidden = [3, 4]", "kind=linear", "min-count=2.5"])
     assert found == {"stress": False, "hidden": (3, 4), "kind": "linear", "min_count": 2.5}
-    with pytest.raises(typer.BadParameter, match="KEY=VALUE"):
-        parse_settings(["stress"])
+    nested = parse_settings(["closures.lower_lip_depression=learned", "closures.jaw-rotation=0.1"])
+    assert nested == {"closures": {"lower_lip_depression": "learned", "jaw_rotation": 0.1}}
+    for wrong in ("stress", "a.=1", ".a=1", "a b=1"):
+        with pytest.raises(typer.BadParameter, match="KEY=VALUE"):
+            parse_settings([wrong])
+    with pytest.raises(typer.BadParameter, match="twice"):
+        parse_settings(["a=1", "a.b=2"])
 
 
 @pytest.mark.parametrize(
