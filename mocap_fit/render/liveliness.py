@@ -35,7 +35,7 @@ _EYES = (
 _EYE_RADIUS = 12.3
 _LID_THICKNESS = 1.4
 # Millimetres: a closing lid is coarser than what it covers, so the ball retracts behind it.
-_RETRACTION = 2.6
+_RETRACTION = 2.0
 # Millimetres below the chin at which the motion of the head ends.
 _NECK = 75.0
 
@@ -327,12 +327,16 @@ class _Lid:
         chosen = share > 1e-3
         self._ids = ids[chosen]
         self._fall = (share * (target - margin))[chosen]
+        self._thickness = (_LID_THICKNESS * np.clip(5.0 * bulge, 0.0, 1.0))[chosen]
         self._centre = pupil - np.array([0.0, 0.0, _EYE_RADIUS])
         self._ball: LinearNDInterpolator | None = None
         self._ball_ids: IndexArray = np.zeros(0, dtype=np.int64)
         if mesh.has_region(ball):
             self._ball_ids = mesh.get_region(ball)
             surface = mesh.vertices[self._ball_ids]
+            # At the corners the lids hardly move, and the ball must not leave them.
+            aside = np.clip((surface[:, 0] - middle[0]) / half, -1.0, 1.0)
+            self._sink = _RETRACTION * (1.0 - aside**2)
             self._ball = LinearNDInterpolator(surface[:, :2], surface[:, 2], fill_value=-np.inf)
 
     def close(self, vertices: FloatArray, amount: float) -> None:
@@ -346,7 +350,7 @@ class _Lid:
         positions[:, 1] = self._centre[1] + lowered
         positions[:, 2] = np.maximum(self._centre[2] + depth, positions[:, 2])
         if self._ball is not None:
-            vertices[self._ball_ids, 2] -= _RETRACTION * min(1.0, 2.0 * amount)
-            thickness = _LID_THICKNESS * min(1.0, 4.0 * amount)
+            vertices[self._ball_ids, 2] -= self._sink * min(1.0, 2.0 * amount)
+            thickness = self._thickness * min(1.0, 4.0 * amount)
             positions[:, 2] = np.maximum(positions[:, 2], self._ball(positions[:, :2]) + thickness)
         vertices[self._ids] = positions
