@@ -22,6 +22,7 @@ _HOMES: dict[str, str] = {
     "export": "corpus_tools.talking.export",
     "fit": "corpus_tools.conversion.fit",
     "info": "corpus_tools.inspection.info",
+    "inspect": "corpus_tools.inspection.inspect",
     "prepare_voices": "corpus_tools.talking.prepare_voices",
     "select_sentences": "corpus_tools.conversion.select_sentences",
     "simulate": "corpus_tools.simulation.simulate",
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from corpus_tools.conversion.select_sentences import select_sentences as select_sentences
     from corpus_tools.demonstration.demo import demo as demo
     from corpus_tools.inspection.info import info as info
+    from corpus_tools.inspection.inspect import inspect as inspect
     from corpus_tools.simulation.simulate import simulate as simulate
     from corpus_tools.talking.export import export as export
     from corpus_tools.talking.prepare_voices import prepare_voices as prepare_voices

@@ -25,7 +25,7 @@ FOUND, PLACE = "found", "place"
 
 VERBS = frozenset(
     """
-    abort accept accumulate activate adapt add adjust advance aggregate align allocate analyse
+    abort accept accumulate act activate adapt add adjust advance aggregate align allocate analyse
     annotate answer append apply approximate arrange assemble assert assign assimilate attach
     average
     backpropagate begin bend bind blend blink bound break bring broadcast build
@@ -34,7 +34,7 @@ VERBS = frozenset(
     concatenate configure connect consume continue convert convolve copy correct correlate count
     cover create crop cut cycle
     debug decode decompose define deform degrade delay delete demand derive describe detect
-    determine differentiate disable discard distribute divide download draw drive drop
+    determine differentiate disable discard distribute divide download drag draw drive drop
     ease elaborate eliminate emit enable encode end ensure enter enumerate erase escape estimate
     evaluate exchange execute exit expand explain export express extend extract
     factor fade fail fetch fill filter find finish fit fix flatten flip flush fold follow forget
@@ -51,17 +51,19 @@ VERBS = frozenset(
     name narrow need normalise note notify number
     observe offset omit open optimise order orient override overlap
     pack pad paint pair parse partition pass paste perturb pick place plan plant play plot point
-    pool pop populate position post postpone predict prepare print process produce project
+    pool pop populate position post postpone predict prepare press print process produce project
     promote propagate prune pull push put
     quantise query quote
     raise rank read rebuild receive recognise record recover redo redraw reduce refine refuse
     register reject relabel release remove rename render reopen reorder repair repeat replace
     report represent require resample reset reshape resize resolve restore restrict resume
     retime retrieve retry return reverse rewrite rotate round run
-    sample save say scale scan scatter score search seek segment select send separate serialise
-    serve set shade shape share shift shorten show shrink simplify simulate skip slice smooth
+    sample save say scale scan scatter score scroll search seek segment select send separate
+    serialise
+    serve set shade shape share shift shorten show shrink simplify simulate skip slice slide smooth
     sniff solve sort speak split spread stack standardise start state step stop store stream
-    stress stretch strip submit subtract suggest sum summarise suppress swap sweep synchronise
+    stress stretch strip submit subtract suggest sum summarise suppress swap sweep switch
+    synchronise
     synthesise
     take talk taper terminate test throw tidy tie time title trace track train transform
     translate transpose traverse triangulate trim truncate try turn

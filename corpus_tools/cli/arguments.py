@@ -284,3 +284,29 @@ def parse_settings(settings: Sequence[str]) -> dict[str, Any]:
                 raise typer.BadParameter(f"'{table}' is set twice", param_hint="--set")
         target[key] = tuple(value) if isinstance(value, list) else value
     return values
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Return the size of a window.
+
+    Parameters
+    ----------
+    text
+        As the user wrote it: ``1280x800``.
+
+    Returns
+    -------
+    tuple of int
+        Width and height, pixels.
+
+    Raises
+    ------
+    typer.BadParameter
+        If it is no size from 400x300 to 8192x8192.
+    """
+    width, _, height = text.lower().partition("x")
+    if width.isdecimal() and height.isdecimal():
+        size = int(width), int(height)
+        if 400 <= size[0] <= 8192 and 300 <= size[1] <= 8192:
+            return size
+    raise typer.BadParameter(f"'{text}' is no size from 400x300 to 8192x8192", param_hint="--size")

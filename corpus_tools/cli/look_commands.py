@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,6 +12,15 @@ import typer
 from corpus_tools.cli import arguments, console, display
 from corpus_tools.cli.arguments import Argument, AsJson, Option
 from corpus_tools.cli.console import Status
+
+
+class View(StrEnum):
+    """From where the head is seen."""
+
+    FRONT = "front"
+    THREE_QUARTER = "three-quarter"
+    SIDE = "side"
+    TOP = "top"
 
 
 def _demo(
@@ -161,5 +171,84 @@ def _validate(
     raise typer.Exit(Status.DONE if report.is_clean else Status.BAD_DATA)
 
 
-COMMANDS = {"demo": _demo, "info": _info, "validate": _validate}
+def _inspect(
+    path: Annotated[
+        str,
+        Argument(
+            metavar="PATH",
+            help="A recording, a fit, a corpus, CORPUS/tracks/ID.parquet, a model, or a layout.",
+        ),
+    ],
+    other: Annotated[str | None, Argument(metavar="PATH", help="What it is compared with.")] = None,
+    screenshot: Annotated[
+        Path | None, Option(help="A PNG file of the window, in its place.")
+    ] = None,
+    movie: Annotated[
+        Path | None, Option(help="A movie of the window (.mp4, .gif), in its place.")
+    ] = None,
+    at: Annotated[
+        float | None, Option(metavar="SECONDS", help="Time that is shown; the middle by default.")
+    ] = None,
+    view: Annotated[View, Option(help="From where the head is seen.")] = View.FRONT,
+    size: Annotated[str, Option(metavar="WIDTHxHEIGHT", help="Size in pixels.")] = "1280x800",
+    names: Annotated[bool, Option("--names", help="Show the names of all markers.")] = False,
+    tab: Annotated[
+        str | None,
+        Option(help="findings, utterances, parameters, markers, edits or keys."),
+    ] = None,
+    reference: Annotated[
+        Path | None, Option(help="The reference pose; rest.* or reference.* beside the recording.")
+    ] = None,
+    layout: Annotated[
+        str | None, Option(help="The marker layout; by default the one that has these names.")
+    ] = None,
+    face: Annotated[str | None, Option(help="The face: built-in, or a rig file.")] = None,
+    recording: Annotated[Path | None, Option(help="The recording that a fit is of.")] = None,
+    labels: Annotated[Path | None, Option(help="Labels; those of the same name.")] = None,
+    sound: Annotated[Path | None, Option(help="Sound; that of the same name.")] = None,
+    phone_set: Annotated[
+        str | None, Option(help="The phone set: a shipped name, or a TOML file.")
+    ] = None,
+    edits: arguments.Edits = None,
+    utterance: Annotated[
+        str | None, Option(metavar="ID", help="An utterance of a corpus; the first by default.")
+    ] = None,
+    rename: arguments.Rename = None,
+    rate: arguments.Rate = None,
+    unit: arguments.Unit = None,
+    subject: arguments.Subject = None,
+) -> None:
+    """Look at a recording, a fit, a corpus, a model or a layout; compare two; mend a recording."""
+    reading = arguments.parse_reading(rate, unit, subject, rename)
+    pixels = arguments.parse_size(size)
+    from corpus_tools.inspection.inspect import inspect as run
+
+    with display.show_progress() as progress:
+        result = run(
+            path,
+            other,
+            screenshot=screenshot,
+            movie=movie,
+            at=at,
+            view=view.value,
+            size=pixels,
+            names=names,
+            tab=tab,
+            reference=reference,
+            layout=layout,
+            face=face,
+            recording=recording,
+            labels=labels,
+            sound=sound,
+            phone_set=phone_set,
+            edits=edits,
+            utterance=utterance,
+            **reading,
+            progress=lambda done, total: progress("drawing frames", done, total),
+        )
+    if result.files:
+        display.print_lines(*(f"written: {file}" for file in result.files))
+
+
+COMMANDS = {"demo": _demo, "info": _info, "inspect": _inspect, "validate": _validate}
 """Functions by the names of their commands."""

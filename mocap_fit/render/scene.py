@@ -29,7 +29,7 @@ _LARGEST = 8192
 _SHADER = """//VTK::System::Dec
 //VTK::Output::Dec
 in vec4 vertexColorVSOutput;
-void main() { gl_FragData[0] = vec4(vertexColorVSOutput.rgb, 1.0); }
+void main() { gl_FragData[0] = vec4(vertexColorVSOutput.rgb, OPACITY); }
 """
 # Millimetres below the chin: with less, a mesh has no neck that could fade into the background.
 _NECK = 40.0
@@ -130,7 +130,7 @@ class FaceScene:
         self._plotter = plotter
         self._lighting = Lighting(mesh)
         self._fading = _find_fading(mesh)
-        self._face = _Surface(plotter, mesh.vertices, list_outside_triangles(mesh)[0])
+        self._face = Surface(plotter, mesh.vertices, list_outside_triangles(mesh)[0])
         self._balls = _Balls(plotter, marker_radius)
         camera = frame_face(mesh, view, zoom, centre)
         plotter.camera.focal_point, plotter.camera.position = camera.target, camera.position
@@ -245,10 +245,24 @@ class FaceScene:
         return pixels.reshape(height, width)[::-1]
 
 
-class _Surface:
-    """Triangles with a colour at each vertex, drawn as they are, without VTK's lights."""
+class Surface:
+    """Triangles with a colour at each vertex, drawn as they are, without VTK's lights.
 
-    def __init__(self, plotter: Any, vertices: FloatArray, triangles: IndexArray) -> None:
+    Parameters
+    ----------
+    plotter
+        A plotter of pyvista.
+    vertices
+        Positions, ``(vertices, 3)``, millimetres.
+    triangles
+        Vertex indices, ``(triangles, 3)``, no unit, counter-clockwise seen from outside.
+    opacity
+        Share of what is behind that it hides, 0 to 1.
+    """
+
+    def __init__(
+        self, plotter: Any, vertices: FloatArray, triangles: IndexArray, opacity: float = 1.0
+    ) -> None:
         import pyvista
 
         points: Any = vertices.astype(np.float32)
@@ -265,12 +279,22 @@ class _Surface:
             reset_camera=False,
             show_scalar_bar=False,
             culling="back",
+            opacity=opacity,
         )
         # Colours as they are: half the work of VTK's own shader, which may discard what it drew.
-        self.actor.GetShaderProperty().SetFragmentShaderCode(_SHADER)
+        shader = _SHADER.replace("OPACITY", f"{opacity:f}")
+        self.actor.GetShaderProperty().SetFragmentShaderCode(shader)
 
     def update(self, vertices: FloatArray, colours: NDArray[np.uint8]) -> None:
-        """Move the vertices and colour them, in place."""
+        """Move the vertices and colour them, in place.
+
+        Parameters
+        ----------
+        vertices
+            Positions, ``(vertices, 3)``, millimetres.
+        colours
+            Red, green and blue, ``(vertices, 3)``, 0 to 255.
+        """
         self._surface.points[:] = vertices
         self._surface.point_data["colours"][:] = colours
         self._points.Modified()
@@ -282,7 +306,7 @@ class _Balls:
 
     def __init__(self, plotter: Any, radius: float) -> None:
         self._plotter, self._radius = plotter, radius
-        self._surface: _Surface | None = None
+        self._surface: Surface | None = None
         self._count = 0
 
     def update(self, positions: FloatArray) -> None:
@@ -302,7 +326,7 @@ class _Balls:
             triangles = np.asarray(ball.regular_faces, dtype=np.int64)
             steps = len(shape) * np.arange(len(positions))[:, None, None]
             every = (triangles + steps).reshape(-1, 3)
-            self._surface = _Surface(self._plotter, np.tile(shape, (len(positions), 1)), every)
+            self._surface = Surface(self._plotter, np.tile(shape, (len(positions), 1)), every)
         visible = np.asarray(np.isfinite(positions).all(axis=1))
         # A ball of no size is not drawn; it is put where it does not extend the camera's range.
         middle = positions[visible].mean(axis=0) if visible.any() else 0.0

@@ -1,0 +1,190 @@
+"""``mocap-fit inspect``: look at a recording, a fit, a corpus, a model or a layout, and mend it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from mocap_fit.errors import DataError
+
+if TYPE_CHECKING:
+    from corpus_tools.inspection.material import Material
+    from corpus_tools.inspection.window import Window
+
+_Path = str | os.PathLike[str]
+# Frames a second of a movie.
+_RATE = 25.0
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """What was looked at.
+
+    Parameters
+    ----------
+    material
+        What there was to show.
+    other
+        What it was compared with; None without.
+    files
+        Files that were written.
+    """
+
+    material: Material
+    other: Material | None
+    files: tuple[Path, ...]
+
+    def __repr__(self) -> str:
+        files = ", ".join(map(str, self.files)) or "no file"
+        return f"Inspection({self.material.title}, {len(self.material.findings)} findings, {files})"
+
+
+def inspect(
+    path: _Path,
+    other: _Path | None = None,
+    *,
+    screenshot: _Path | None = None,
+    movie: _Path | None = None,
+    at: float | None = None,
+    view: Literal["front", "three-quarter", "side", "top"] = "front",
+    size: tuple[int, int] = (1280, 800),
+    names: bool = False,
+    tab: str | None = None,
+    reference: _Path | None = None,
+    layout: str | None = None,
+    face: str | None = None,
+    recording: _Path | None = None,
+    labels: _Path | None = None,
+    sound: _Path | None = None,
+    phone_set: str | None = None,
+    edits: _Path | None = None,
+    utterance: str | None = None,
+    rate: float | None = None,
+    unit: str | None = None,
+    subject: str | None = None,
+    rename: Mapping[str, str] | None = None,
+    progress: Callable[[int, int], object] | None = None,
+) -> Inspection:
+    """Look at something in a window, or write pictures of that window.
+
+    Parameters
+    ----------
+    path
+        A recording, a fit, a corpus, the parameters of one of its utterances, a trained model, or
+        a marker layout: a file or the name of a shipped one.
+    other
+        What it is compared with, such as another fit of the same recording.
+    screenshot
+        A PNG file of the window, in place of the window.
+    movie
+        A movie of the window (MP4, GIF or a folder of PNG), in place of the window.
+    at
+        Time that is shown, seconds; the middle by default.
+    view
+        From where the head is seen.
+    size
+        Width and height of the window, pixels.
+    names
+        Whether every marker has its name.
+    tab
+        The list that is shown: ``findings``, ``utterances``, ``parameters``, ``markers``,
+        ``edits`` or ``keys``.
+    reference
+        The recording of the reference pose; found beside the recording by default.
+    layout
+        Name or file of the marker layout; found by the names of markers by default.
+    face
+        ``built-in``, or a rig file.
+    recording
+        The recording that a fit is of.
+    labels
+        The labels; those of the same name beside the recording by default.
+    sound
+        The sound; that of the same name beside the recording by default.
+    phone_set
+        Name or file of the phone set of the labels.
+    edits
+        The edit list, or the folder of the lists; beside the recording by default.
+    utterance
+        Id of the utterance of a corpus; the first by default.
+    rate
+        Frame rate of the recordings, hertz, in place of what the files say.
+    unit
+        Unit of length of the files, such as ``m``, in place of what they say.
+    subject
+        Subject whose markers are read, where files name several.
+    rename
+        New names of markers by those in the files.
+    progress
+        Called after each frame of a movie with the number that are done, and of all.
+
+    Returns
+    -------
+    Inspection
+        What there was to show, and the files that were written.
+
+    Raises
+    ------
+    MocapFitError
+        If something cannot be read or written.
+    MissingExtraError
+        If there is no screen for a window, or nothing that draws without one.
+    """
+    from corpus_tools.inspection.gather import Sources, gather
+    from corpus_tools.inspection.window import Window
+    from mocap_fit.atomic_file import check_targets
+    from mocap_fit.io import ReadOptions
+    from mocap_fit.render.pictures import save_picture
+    from mocap_fit.render.scene import prepare_off_screen
+
+    wanted = [Path(each) for each in (screenshot, movie) if each is not None]
+    inputs = [path, other, reference, layout, face, recording, labels, sound, phone_set, edits]
+    check_targets(wanted, [each for each in inputs if each is not None])
+    sources = Sources(
+        reference=reference,
+        layout=layout,
+        face=face,
+        recording=recording,
+        labels=labels,
+        sound=sound,
+        phone_set=phone_set,
+        edits=edits,
+        utterance=utterance,
+        options=ReadOptions(rate, unit, subject, rename or {}),
+    )
+    material = gather(path, sources)
+    compared = None if other is None else gather(other, sources)
+    if wanted:
+        prepare_off_screen()
+    window = Window(material, compared, sources=sources, size=size, off_screen=bool(wanted))
+    try:
+        window.set_up(at=at, view=view, names=names, tab=tab)
+        if screenshot is not None:
+            save_picture(window.capture(), screenshot)
+        if movie is not None:
+            _write_movie(window, Path(movie), progress)
+        if not wanted:
+            window.show()
+    finally:
+        window.close()
+    return Inspection(material, compared, tuple(wanted))
+
+
+def _write_movie(window: Window, path: Path, progress: Callable[[int, int], object] | None) -> None:
+    from mocap_fit.render.movie_file import MovieFile, cut_sound
+
+    line, sound = window.line, window.material.sound
+    count = int((line.last - line.first) * _RATE)
+    if count < 1:
+        raise DataError("there is nothing that moves for a movie", found=window.material.title)
+    cut = None if sound is None else cut_sound(sound, line.first, line.first + count / _RATE)
+    with MovieFile(path, _RATE, window.size, cut) as file:
+        for number in range(count):
+            line.move_cursor(line.first + number / _RATE)
+            window.draw()
+            file.add(window.capture())
+            if progress is not None:
+                progress(number + 1, count)

@@ -1,0 +1,140 @@
+"""Mending in the window: edits of markers and phones, their history, and their file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from corpus_tools.inspection.gather import Sources, gather_recording
+from corpus_tools.inspection.material import Material
+from mocap_fit.edits import EDITS_ENDING, Edit, EditHistory, EditList, locate_edits, write_edits
+from mocap_fit.tracks import MarkerTracks
+
+
+@dataclass
+class Mending:
+    """A recording and what is mended in it.
+
+    Parameters
+    ----------
+    path
+        The recording.
+    tracks
+        What it holds, without edits.
+    edits
+        What was mended before.
+    sources
+        What belongs to it.
+    """
+
+    path: Path
+    tracks: MarkerTracks
+    edits: EditList
+    sources: Sources
+
+    def __post_init__(self) -> None:
+        self._history = EditHistory(self.edits)
+        self._saved = self.edits
+
+    @property
+    def is_saved(self) -> bool:
+        """Whether the file has all edits."""
+        return self._history.edits == self._saved
+
+    @property
+    def file(self) -> Path:
+        """Where the edit list is, or will be."""
+        where = self.sources.edits
+        known = locate_edits(self.path, where)
+        folder = self.path.parent if where is None else Path(where)
+        return known or folder / f"{self.path.name}{EDITS_ENDING}"
+
+    def add(self, edit: Edit) -> Material:
+        """Add an edit, if it can be applied.
+
+        Parameters
+        ----------
+        edit
+            The edit.
+
+        Returns
+        -------
+        Material
+            What there is to show now.
+
+        Raises
+        ------
+        MocapFitError
+            If it cannot be applied; the list is then as before.
+        """
+        material = self._gather(self._history.edits.add(edit))
+        self._history.add(edit)
+        self.edits = self._history.edits
+        return material
+
+    def undo(self) -> Material | None:
+        """Take the last edit back; None where there is none.
+
+        Returns
+        -------
+        Material or None
+            What there is to show now.
+        """
+        return self._change(self._history.undo())
+
+    def redo(self) -> Material | None:
+        """Bring back the edit that was taken back last; None where there is none.
+
+        Returns
+        -------
+        Material or None
+            What there is to show now.
+        """
+        return self._change(self._history.redo())
+
+    def save(self) -> Path:
+        """Write the edit list, completely or not at all.
+
+        Returns
+        -------
+        Path
+            Its file.
+
+        Raises
+        ------
+        FileFormatError
+            If it cannot be written.
+        """
+        write_edits(self.edits, self.file)
+        self._saved = self.edits
+        return self.file
+
+    def _change(self, has_changed: bool) -> Material | None:
+        if not has_changed:
+            return None
+        self.edits = self._history.edits
+        return self._gather(self.edits)
+
+    def _gather(self, edits: EditList) -> Material:
+        return gather_recording(self.path, self.tracks, edits, self.sources)
+
+
+def start_mending(material: Material, sources: Sources) -> Mending | None:
+    """Begin to mend what is shown, where it is a recording.
+
+    Parameters
+    ----------
+    material
+        What is shown.
+    sources
+        What belongs to it.
+
+    Returns
+    -------
+    Mending or None
+        None for what is no recording.
+    """
+    if material.edits is None:
+        return None
+    tracks = sources.options.read_tracks(material.path)
+    return Mending(material.path, tracks, material.edits, sources)
