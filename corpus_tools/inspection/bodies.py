@@ -25,7 +25,10 @@ RADIUS = 1.7
 """Of a marker, millimetres."""
 
 _LIGHT = np.array([0.4, 0.5, 0.77])
-_TINT = np.array([0.30, 0.52, 1.0])
+MOST_DIFFERENT = 4.0
+"""Millimetres: a difference of this is drawn red."""
+# Millimetres: no difference.
+_SAME = 0.3
 
 
 def colour_residuals(residuals: FloatArray) -> NDArray[np.uint8]:
@@ -162,24 +165,22 @@ class Head:
         A plotter of pyvista.
     rig
         The face.
-    tinted
-        Whether it is a blue shade over another one.
     """
 
-    def __init__(self, plotter: Any, rig: Rig, *, tinted: bool = False) -> None:
-        self._rig, self._tinted = rig, tinted
+    def __init__(self, plotter: Any, rig: Rig) -> None:
+        self._rig = rig
         self._lighting = Lighting(rig.mesh)
         triangles, _ = list_outside_triangles(rig.mesh)
-        opacity = 0.45 if tinted else 1.0
-        self._surface = Surface(plotter, rig.mesh.vertices, triangles, opacity)
-        self.vertices = rig.mesh.vertices
+        self._surface = Surface(plotter, rig.mesh.vertices, triangles)
+        self.shape = self.vertices = rig.mesh.vertices
 
     def update(
         self,
         values: FloatArray,
         camera: FloatArray,
-        motion: tuple[FloatArray, FloatArray] | None = None,
+        motion: tuple[FloatArray, FloatArray],
         colours: FloatArray | None = None,
+        other: FloatArray | None = None,
     ) -> None:
         """Move it.
 
@@ -194,16 +195,35 @@ class Head:
         colours
             What the light falls on in place of its colours, ``(vertices, 3)``, 0 to 1; NaN keeps
             them.
+        other
+            Vertices of a head that it is compared with, ``(vertices, 3)``, millimetres: it is
+            coloured where it is elsewhere.
         """
-        self.vertices = self._rig.deform(values)
-        light = self._lighting.compute_colours(self.vertices, camera)
-        if self._tinted:
-            grey = light.mean(axis=1, keepdims=True)
-            light = np.clip(40 + grey * _TINT, 0, 255).astype(np.uint8)
+        self.shape = self._rig.deform(values)
+        light = self._lighting.compute_colours(self.shape, camera)
+        if other is not None:
+            colours = colour_difference(np.linalg.norm(self.shape - other, axis=1))
         if colours is not None:
             grey = light.mean(axis=1, keepdims=True) / 215.0
             light = np.where(np.isnan(colours), light, np.clip(255 * colours * grey, 0, 255))
             light = light.astype(np.uint8)
-        if motion is not None:
-            self.vertices = self.vertices @ motion[0].T + motion[1]
+        self.vertices = self.shape @ motion[0].T + motion[1]
         self._surface.update(self.vertices, light)
+
+
+def colour_difference(distances: FloatArray) -> FloatArray:
+    """Colour a head where it differs from another one: yellow a little, red 4 mm and more.
+
+    Parameters
+    ----------
+    distances
+        Distances of the vertices, ``(vertices,)``, millimetres.
+
+    Returns
+    -------
+    ndarray
+        Red, green and blue, ``(vertices, 3)``, 0 to 1; NaN where there is no difference.
+    """
+    part = np.clip(distances / MOST_DIFFERENT, 0.0, 1.0)[:, None]
+    colours = (1 - part) * np.array([1.0, 0.88, 0.45]) + part * np.array([0.92, 0.12, 0.08])
+    return np.where(distances[:, None] < _SAME, np.nan, colours)

@@ -125,7 +125,11 @@ def gather(path: Path_, sources: Sources | None = None) -> Material:
 
 
 def gather_recording(
-    path: Path, tracks: MarkerTracks, edits: EditList, sources: Sources
+    path: Path,
+    tracks: MarkerTracks,
+    edits: EditList,
+    sources: Sources,
+    former: Material | None = None,
 ) -> Material:
     """Gather what belongs to a recording; a better edit list makes it new from what was read.
 
@@ -139,6 +143,8 @@ def gather_recording(
         What was mended.
     sources
         What belongs to it and is not found beside it.
+    former
+        What there was to show with other edits: what they do not change is taken from it.
 
     Returns
     -------
@@ -155,19 +161,14 @@ def gather_recording(
     files = _find_beside(path)
     labels = _read_labels(path, files, sources, edits)
     sound = _read_sound(files, sources)
-    speaker, notes = _find_speaker(path, layout, sources)
-    heads: dict[str, ParameterTracks] = {}
-    measured = None
-    if speaker is not None and recording.frames <= _MOST_FITTED:
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", MocapFitWarning)
-                named = speaker.prepare(recording, allow_mirrored=False)
-                still, _ = speaker.remove_head_motion(named)
-                heads["fit"] = speaker.fit_shape(still).parameters
-            measured = bring_to_face(still, speaker)
-        except MocapFitError as error:
-            notes = (*notes, f"not fitted: {error.problem}")
+    if former is None or former.layout != layout:
+        speaker, reasons = _find_speaker(path, layout, sources)
+    else:
+        speaker, reasons = former.speaker, () if former.speaker else former.notes
+    if former is not None and recording.equals(former.recording):
+        heads, measured, notes = former.heads, former.measured, former.notes
+    else:
+        heads, measured, notes = _fit(recording, speaker, reasons)
     rig = None if speaker is None else speaker.binding.rig
     findings = _check(path, recording, labels, sound, layout, sources)
     return Material(
@@ -186,6 +187,24 @@ def gather_recording(
         findings=findings,
         edits=edits,
     )
+
+
+def _fit(
+    recording: MarkerTracks, speaker: Speaker | None, reasons: tuple[str, ...]
+) -> tuple[Mapping[str, ParameterTracks], MarkerTracks | None, tuple[str, ...]]:
+    """Return the fit of a recording, its markers on the face, or why there are none."""
+    if speaker is None:
+        return {}, None, reasons
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", MocapFitWarning)
+            still, _ = speaker.remove_head_motion(speaker.prepare(recording))
+            measured = bring_to_face(still, speaker)
+            if recording.frames > _MOST_FITTED:
+                return {}, measured, (*reasons, "not fitted, because it is long: fit it first")
+            return {"fit": speaker.fit_shape(still).parameters}, measured, ()
+    except MocapFitError as error:
+        return {}, None, (*reasons, f"not fitted: {error.problem}")
 
 
 def gather_utterance(corpus: Corpus, name: str | None = None) -> Material:

@@ -25,12 +25,15 @@ class Mending:
         What was mended before.
     sources
         What belongs to it.
+    material
+        What there is to show.
     """
 
     path: Path
     tracks: MarkerTracks
     edits: EditList
     sources: Sources
+    material: Material
 
     def __post_init__(self) -> None:
         self._history = EditHistory(self.edits)
@@ -116,7 +119,8 @@ class Mending:
         return self._gather(self.edits)
 
     def _gather(self, edits: EditList) -> Material:
-        return gather_recording(self.path, self.tracks, edits, self.sources)
+        self.material = gather_recording(self.path, self.tracks, edits, self.sources, self.material)
+        return self.material
 
 
 def start_mending(material: Material, sources: Sources) -> Mending | None:
@@ -137,4 +141,4 @@ def start_mending(material: Material, sources: Sources) -> Mending | None:
     if material.edits is None:
         return None
     tracks = sources.options.read_tracks(material.path)
-    return Mending(material.path, tracks, material.edits, sources)
+    return Mending(material.path, tracks, material.edits, sources, material)

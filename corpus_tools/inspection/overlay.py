@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from corpus_tools.inspection.bodies import DROPPED, FILLED, HEAD_MARKER, MEASURED
+from corpus_tools.inspection.bodies import (
+    DROPPED,
+    FILLED,
+    HEAD_MARKER,
+    MEASURED,
+    MOST_DIFFERENT,
+)
 from corpus_tools.inspection.paint import (
     FAINT,
     INK,
@@ -181,6 +187,9 @@ def paint_legend(stage: Stage, width: int) -> NDArray[np.uint8]:
         drawn = "residual" if stage.stretch == 1 else f"residual, drawn × {stage.stretch:g}:"
         entries += [(drawn, INK, False), ("0", (30, 140, 66), True)]
         entries += [("1", (176, 132, 10), True), ("2 mm", (205, 30, 30), True)]
+    if stage.compares:
+        entries += [("    right head differs by", INK, False), ("0.3", (176, 132, 10), True)]
+        entries.append((f"{MOST_DIFFERENT:g} mm", (205, 30, 30), True))
     x = float(_MARGIN)
     for text, colour, bold in entries:
         canvas.put(x, 11, text, colour, 11, bold)

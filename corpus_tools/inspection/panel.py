@@ -149,7 +149,8 @@ class Panel:
     choice: Choice | None = None
 
     def __post_init__(self) -> None:
-        self._areas: list[tuple[int, int, int]] = []
+        #: Index of every row that is visible, its first pixel from the top, and the one after it.
+        self.rows: list[tuple[int, int, int]] = []
         self._tab_areas: list[tuple[str, float, float]] = []
         self._slider = (0.0, 1.0)
 
@@ -178,7 +179,7 @@ class Panel:
             for name, left, right in self._tab_areas:
                 if left <= x < right:
                     return "tab", name
-        for index, top, bottom in self._areas:
+        for index, top, bottom in self.rows:
             if top <= y < bottom:
                 return "item", index
         return "nothing", None
@@ -213,7 +214,7 @@ class Panel:
             The picture, ``(height, width, 3)``.
         """
         canvas = Canvas(width, height)
-        self._areas, self._tab_areas = [], []
+        self.rows, self._tab_areas = [], []
         self._slider = (0.42 * width, width - 64.0)
         if self.choice is not None:
             self._paint_choice(canvas, self.choice)
@@ -269,9 +270,9 @@ class Panel:
             if y + item.height > canvas.height:
                 break
             self._paint_item(canvas, item, y, chosen=index == self.chosen)
-            self._areas.append((index, y, y + item.height))
+            self.rows.append((index, y, y + item.height))
             y += item.height
-        shown = len(self._areas)
+        shown = len(self.rows)
         if shown < len(items):
             tall = max(space * shown / len(items), 12.0)
             first = top + (space - tall) * self.scroll / max(len(items) - shown, 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any, Literal
 
 import numpy as np
@@ -28,6 +29,8 @@ from mocap_fit.tracks import FloatArray, MarkerTracks, Origin
 from mocap_fit.tracks.rigid import estimate_rigid_transform, estimate_similarity_transform
 
 StageView = Literal["front", "three-quarter", "side", "top"]
+# Millimetres: heads that are compared are this far from the middle.
+_ASIDE = 115.0
 VIEWS: tuple[StageView, ...] = ("front", "three-quarter", "side", "top")
 
 
@@ -64,7 +67,7 @@ class Stage:
             self._sampled.append((head.start_time, head.rate, frames))
         if material.rig is not None:
             count = min(len(self._shown), 2)
-            self._heads = [Head(plotter, material.rig, tinted=k > 0) for k in range(max(count, 1))]
+            self._heads = [Head(plotter, material.rig) for _ in range(max(count, 1))]
         self._shapes = Shapes(plotter, len(self.names)) if self.names else None
         bound = self.bound_names
         self._dots = Shapes(plotter, len(bound)) if bound else None
@@ -155,6 +158,11 @@ class Stage:
         return bool(self.bound_names)
 
     @property
+    def compares(self) -> bool:
+        """Whether there are two heads."""
+        return len(self._heads) > 1
+
+    @property
     def head_vertices(self) -> FloatArray | None:
         """Vertices of the first head as they are drawn, ``(vertices, 3)``, mm; None without."""
         return self._heads[0].vertices if self._heads else None
@@ -218,6 +226,12 @@ class Stage:
         camera.focal_point, camera.position, camera.up = target, position, up
         camera.view_angle = VIEW_ANGLE
         self._limit_depth()
+
+    def _get_right(self) -> FloatArray:
+        """Return the direction to the right as the camera sees it, ``(3,)``."""
+        camera = self._plotter.camera
+        right = np.cross(camera.GetDirectionOfProjection(), camera.GetViewUp())
+        return np.asarray(right / np.linalg.norm(right))
 
     def zoom_in(self, factor: float) -> None:
         """Move the camera.
@@ -325,12 +339,17 @@ class Stage:
         time
             The time, seconds.
         """
-        positions, forms, motion = self._locate_markers(time)
+        positions, forms, (turn, shift) = self._locate_markers(time)
         camera = self.camera_position
+        # Two heads are side by side, from wherever one looks.
+        aside = self._get_right() * (_ASIDE if len(self._heads) > 1 else 0.0)
+        positions, motion = positions - aside, (turn, shift - aside)
         for number, head in enumerate(self._heads):
             values = self.get_values(time, number)
             assert values is not None
-            head.update(values, camera, motion, self._regions)
+            shifted = turn, shift + (2 * number - 1) * aside
+            other = self._heads[0].shape if number else None
+            head.update(values, camera, shifted, self._regions, other)
         if self.bound_names and self._lines is not None and self._dots is not None:
             self._update_virtual(time, positions, forms, motion)
         self.positions = positions
@@ -348,28 +367,26 @@ class Stage:
 
     def _locate_markers(
         self, time: float
-    ) -> tuple[FloatArray, list[str], tuple[FloatArray, FloatArray] | None]:
+    ) -> tuple[FloatArray, list[str], tuple[FloatArray, FloatArray]]:
         """Return where markers are, their forms, and the motion of the head."""
         count = len(self.names)
         forms = ["ball"] * count
+        motion = (np.eye(3), np.zeros(3))
         if self._fixed is not None:
-            return self._fixed.copy(), forms, None
+            return self._fixed.copy(), forms, motion
         tracks = self._tracks
         if tracks is None or not tracks.frames:
-            return np.full((count, 3), np.nan), forms, None
+            return np.full((count, 3), np.nan), forms, motion
         frame = round((time - tracks.start_time) * tracks.rate)
         if not 0 <= frame < tracks.frames:
-            return np.full((count, 3), np.nan), forms, None
+            return np.full((count, 3), np.nan), forms, motion
         positions = tracks.positions[frame].copy()
-        motion = None
         if self.with_motion and self._raw is not None and frame < self._raw.frames:
             moved = np.full_like(positions, np.nan)
             common = [self.names.index(name) for name in self._raw.names]
             moved[common] = self._raw.positions[frame]
-            try:
+            with contextlib.suppress(DataError):
                 motion = estimate_rigid_transform(positions, moved)
-            except DataError:
-                motion = None
             positions = moved
         origin = tracks.origin[frame]
         for index in np.flatnonzero(origin != Origin.MEASURED):
@@ -381,7 +398,7 @@ class Stage:
         time: float,
         positions: FloatArray,
         forms: list[str],
-        motion: tuple[FloatArray, FloatArray] | None,
+        motion: tuple[FloatArray, FloatArray],
     ) -> None:
         """Show the markers on the face; one that is missing is shown where the face has it."""
         speaker = self.material.speaker
@@ -391,8 +408,7 @@ class Stage:
         assert self._lines is not None
         assert self._dots is not None
         virtual = speaker.binding.evaluate(values)[0][self._of_binding]
-        if motion is not None:
-            virtual = virtual @ motion[0].T + motion[1]
+        virtual = virtual @ motion[0].T + motion[1]
         measured = positions[self._of_names]
         scale = speaker.binding.orientation.scale
         self.residuals = np.linalg.norm(measured - virtual, axis=1) / scale

@@ -16,7 +16,7 @@ from corpus_tools.validation.findings import Finding
 from mocap_fit.render.running_strip import select_moving
 from mocap_fit.tracks import ParameterTracks
 
-LEFT = 150
+LEFT = 164
 """Pixels left of the time line, for names."""
 
 RIGHT = 10

@@ -152,7 +152,7 @@ class Window:
         stage, (left, bottom, width, height) = self.stage, area
         title, notes = self.material.title, self.material.notes
         if self.other is not None:
-            title = f"{title}, and in blue {self.other.title}"
+            title = f"{title} (left, blue) and {self.other.title} (right, red)"
         tall = 28 + 15 * min(len(notes), 2)
         top = (left, bottom + height - tall, width, tall)
         self._screen.put("title", top, title, lambda *_: paint_title(title, notes, width))

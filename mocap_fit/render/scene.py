@@ -29,7 +29,7 @@ _LARGEST = 8192
 _SHADER = """//VTK::System::Dec
 //VTK::Output::Dec
 in vec4 vertexColorVSOutput;
-void main() { gl_FragData[0] = vec4(vertexColorVSOutput.rgb, OPACITY); }
+void main() { gl_FragData[0] = vec4(vertexColorVSOutput.rgb, 1.0); }
 """
 # Millimetres below the chin: with less, a mesh has no neck that could fade into the background.
 _NECK = 40.0
@@ -256,13 +256,9 @@ class Surface:
         Positions, ``(vertices, 3)``, millimetres.
     triangles
         Vertex indices, ``(triangles, 3)``, no unit, counter-clockwise seen from outside.
-    opacity
-        Share of what is behind that it hides, 0 to 1.
     """
 
-    def __init__(
-        self, plotter: Any, vertices: FloatArray, triangles: IndexArray, opacity: float = 1.0
-    ) -> None:
+    def __init__(self, plotter: Any, vertices: FloatArray, triangles: IndexArray) -> None:
         import pyvista
 
         points: Any = vertices.astype(np.float32)
@@ -279,11 +275,9 @@ class Surface:
             reset_camera=False,
             show_scalar_bar=False,
             culling="back",
-            opacity=opacity,
         )
         # Colours as they are: half the work of VTK's own shader, which may discard what it drew.
-        shader = _SHADER.replace("OPACITY", f"{opacity:f}")
-        self.actor.GetShaderProperty().SetFragmentShaderCode(shader)
+        self.actor.GetShaderProperty().SetFragmentShaderCode(_SHADER)
 
     def update(self, vertices: FloatArray, colours: NDArray[np.uint8]) -> None:
         """Move the vertices and colour them, in place.
