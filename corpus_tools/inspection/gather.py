@@ -2,81 +2,45 @@
 
 from __future__ import annotations
 
-import contextlib
 import warnings
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from corpus_tools.inspection.material import Material, Path_
+from corpus_tools.inspection.sources import (
+    Sources,
+    find_beside,
+    find_layout_of,
+    find_source,
+    find_speaker,
+    load_named_layout,
+    read_labels_of,
+    read_sound_of,
+    to_phones_of,
+)
 from corpus_tools.validation.findings import Finding
-from corpus_tools.validation.reading import Files, group_files
 from corpus_tools.validation.subject import Context, Subject, check_subject
 from corpus_tools.validation.thresholds import load_thresholds
 from mocap_fit.corpus import DESCRIPTION_FILE, Corpus, open_corpus
 from mocap_fit.edits import EditList, load_edits, start_edits
 from mocap_fit.errors import ConfigurationError, DataError, MocapFitError, MocapFitWarning
 from mocap_fit.face import Rig, load_face
-from mocap_fit.fitting import Layout, find_layout, load_layout
+from mocap_fit.fitting import Layout, load_layout
 from mocap_fit.fitting.layout import list_layouts
 from mocap_fit.fitting.speaker import Speaker, fit_speaker
 from mocap_fit.head import remove_head_motion
-from mocap_fit.io import ReadOptions
-from mocap_fit.labels import Labels, read_labels
-from mocap_fit.labels.phone_labels import to_labels, to_phones
-from mocap_fit.phones import PhoneSequence
+from mocap_fit.labels import Labels
+from mocap_fit.labels.phone_labels import to_labels
 from mocap_fit.sound import Sound, read_sound
 from mocap_fit.tracks import MarkerTracks, ParameterTracks
 
-# Names of files that hold the reference pose of the recordings beside them.
-_REFERENCES = ("reference", "rest")
 # Frames: longer recordings are shown with a fit only where it is there already.
 _MOST_FITTED = 12_000
 # Frames nearest to rest that take the part of a reference pose that a corpus does not hold.
 _REST_FRAMES = 9
-
-
-@dataclass(frozen=True)
-class Sources:
-    """What belongs to a path and is not found, or found wrongly, by itself.
-
-    Parameters
-    ----------
-    reference
-        The recording of the reference pose.
-    layout
-        Name or file of the marker layout.
-    face
-        ``built-in``, or a rig file.
-    recording
-        The recording that a fit is of.
-    labels
-        The labels.
-    sound
-        The sound.
-    phone_set
-        Name or file of the phone set of the labels.
-    edits
-        The edit list, or the folder of the lists.
-    utterance
-        Id of the utterance of a corpus that is shown; the first by default.
-    options
-        How recordings are read.
-    """
-
-    reference: Path_ | None = None
-    layout: str | None = None
-    face: str | None = None
-    recording: Path_ | None = None
-    labels: Path_ | None = None
-    sound: Path_ | None = None
-    phone_set: str | None = None
-    edits: Path_ | None = None
-    utterance: str | None = None
-    options: ReadOptions = field(default_factory=ReadOptions)
 
 
 def gather(path: Path_, sources: Sources | None = None) -> Material:
@@ -157,17 +121,20 @@ def gather_recording(
         If an edit cannot be applied, or the reference pose, labels or sound cannot be read.
     """
     recording = edits.apply(tracks)
-    layout = _find_layout(recording, path, sources)
-    files = _find_beside(path)
-    labels = _read_labels(path, files, sources, edits)
-    sound = _read_sound(files, sources)
-    if former is None or former.layout != layout:
-        speaker, reasons = _find_speaker(path, layout, sources)
+    layout = find_layout_of(recording, path, sources)
+    files = find_beside(path)
+    labels = read_labels_of(files, sources, edits)
+    sound = read_sound_of(files, sources)
+    if (
+        former is not None
+        and former.edits is not None
+        and former.edits.reference == edits.reference
+        and recording.equals(former.recording)
+    ):
+        speaker, heads, measured = former.speaker, former.heads, former.measured
+        notes = former.notes
     else:
-        speaker, reasons = former.speaker, () if former.speaker else former.notes
-    if former is not None and recording.equals(former.recording):
-        heads, measured, notes = former.heads, former.measured, former.notes
-    else:
+        speaker, reasons = find_speaker(path, recording, layout, sources, edits)
         heads, measured, notes = _fit(recording, speaker, reasons)
     rig = None if speaker is None else speaker.binding.rig
     findings = _check(path, recording, labels, sound, layout, sources)
@@ -182,7 +149,7 @@ def gather_recording(
         speaker=speaker,
         layout=layout,
         labels=labels,
-        phones=_to_phones(labels, sources),
+        phones=to_phones_of(labels, sources),
         sound=sound,
         findings=findings,
         edits=edits,
@@ -202,7 +169,7 @@ def _fit(
             measured = bring_to_face(still, speaker)
             if recording.frames > _MOST_FITTED:
                 return {}, measured, (*reasons, "not fitted, because it is long: fit it first")
-            return {"fit": speaker.fit_shape(still).parameters}, measured, ()
+            return {"fit": speaker.fit_shape(still).parameters}, measured, reasons
     except MocapFitError as error:
         return {}, None, (*reasons, f"not fitted: {error.problem}")
 
@@ -308,22 +275,22 @@ def _gather_fit(path: Path, tracks: ParameterTracks, sources: Sources) -> Materi
     for step in tracks.provenance:
         arguments |= step.arguments
     face = sources.face or str(arguments.get("face", "built-in"))
-    source = _find_source(path, str(arguments.get("file", "")), sources)
+    source = find_source(path, str(arguments.get("file", "")), sources)
     measured = recording = speaker = edits = None
     notes: tuple[str, ...] = ()
-    files = _find_beside(source or path)
+    files = find_beside(source or path)
     if source is not None:
         recording = sources.options.read_tracks(source)
         edits = load_edits(source, sources.edits) or start_edits(source)
         recording = edits.apply(recording)
-    layout = _load_layout(sources.layout or arguments.get("layout"))
+    layout = load_named_layout(sources.layout or arguments.get("layout"))
     if recording is not None and source is not None:
-        speaker, notes = _find_speaker(source, layout, sources)
+        speaker, notes = find_speaker(source, recording, layout, sources, edits)
         if speaker is not None:
             still, _ = speaker.remove_head_motion(speaker.prepare(recording))
             measured = bring_to_face(still, speaker)
-    labels = _read_labels(source or path, files, sources, edits)
-    sound = _read_sound(files, sources)
+    labels = read_labels_of(files, sources, edits)
+    sound = read_sound_of(files, sources)
     rig = load_face(face) if speaker is None else speaker.binding.rig
     return Material(
         title=path.name,
@@ -336,7 +303,7 @@ def _gather_fit(path: Path, tracks: ParameterTracks, sources: Sources) -> Materi
         speaker=speaker,
         layout=layout,
         labels=labels,
-        phones=_to_phones(labels, sources),
+        phones=to_phones_of(labels, sources),
         sound=sound,
         findings=_check(path, recording, labels, sound, layout, sources, tracks, rig),
     )
@@ -386,86 +353,6 @@ def _gather_model(path: Path, sources: Sources) -> Material:
         phones=phones,
         sound=None if sound is None else read_sound(sound),
     )
-
-
-def _load_layout(name: object) -> Layout | None:
-    return load_layout(str(name)) if name else None
-
-
-def _find_layout(recording: MarkerTracks, path: Path, sources: Sources) -> Layout | None:
-    """Return the layout that is named, or fits, or None."""
-    if sources.layout is not None:
-        return load_layout(sources.layout)
-    with contextlib.suppress(ConfigurationError):
-        return find_layout(recording, [path.parent]).layout
-    return None
-
-
-def _find_beside(path: Path) -> Files:
-    """Return the files of one name beside a recording."""
-    known = [each for each in path.parent.glob(f"{path.stem}.*") if each.is_file()]
-    groups, _ = group_files(known)
-    return next((files for files in groups if files.name == path.stem), Files(path.stem))
-
-
-def _find_source(path: Path, name: str, sources: Sources) -> Path | None:
-    """Return the recording that a fit was made of, where it is beside the fit or its folder."""
-    if sources.recording is not None:
-        return Path(sources.recording)
-    beside = [folder / name for folder in (path.parent, path.parent.parent) if name]
-    return next((each for each in beside if each.is_file()), None)
-
-
-def _find_speaker(
-    path: Path, layout: Layout | None, sources: Sources
-) -> tuple[Speaker | None, tuple[str, ...]]:
-    """Return the speaker of a recording, or why there is none."""
-    if layout is None:
-        return None, ("no layout: the names of the markers belong to none that is known",)
-    reference = sources.reference
-    if reference is None:
-        beside = [
-            each
-            for name in _REFERENCES
-            for each in sorted(path.parent.glob(f"{name}.*"))
-            if each.suffix == path.suffix
-        ]
-        if not beside:
-            return None, ("no reference pose: give one with --reference",)
-        reference = beside[0]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MocapFitWarning)
-        speaker = fit_speaker(
-            sources.face or "built-in",
-            layout,
-            Path(reference),
-            read=sources.options.read_tracks,
-        )
-    return speaker, ()
-
-
-def _read_labels(
-    path: Path, files: Files, sources: Sources, edits: EditList | None
-) -> Labels | None:
-    file = sources.labels or next(iter(files.labels), None)
-    if file is None:
-        return None
-    labels = read_labels(file)
-    return labels if edits is None else edits.apply_to_labels(labels)
-
-
-def _read_sound(files: Files, sources: Sources) -> Sound | None:
-    file = sources.sound or next(iter(files.sounds), None)
-    return None if file is None else read_sound(file)
-
-
-def _to_phones(labels: Labels | None, sources: Sources) -> PhoneSequence | None:
-    if labels is None:
-        return None
-    try:
-        return to_phones(labels, phone_set=sources.phone_set)
-    except DataError:
-        return None
 
 
 def _check(

@@ -133,15 +133,18 @@ def inspect(
     MissingExtraError
         If there is no screen for a window, or nothing that draws without one.
     """
-    from corpus_tools.inspection.gather import Sources, gather
+    from corpus_tools.inspection.gather import gather
+    from corpus_tools.inspection.sources import Sources
     from corpus_tools.inspection.window import Window
     from mocap_fit.atomic_file import check_targets
+    from mocap_fit.fitting.reference_pose import parse_reference
     from mocap_fit.io import ReadOptions
     from mocap_fit.render.pictures import save_picture
     from mocap_fit.render.scene import prepare_off_screen
 
     wanted = [Path(each) for each in (screenshot, movie) if each is not None]
-    inputs = [path, other, reference, layout, face, recording, labels, sound, phone_set, edits]
+    pose = None if reference is None else parse_reference(reference).path
+    inputs = [path, other, pose, layout, face, recording, labels, sound, phone_set, edits]
     check_targets(wanted, [each for each in inputs if each is not None])
     sources = Sources(
         reference=reference,

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from corpus_tools.inspection.gather import Sources, gather_recording
+from corpus_tools.inspection.gather import gather_recording
 from corpus_tools.inspection.material import Material
+from corpus_tools.inspection.sources import Sources
 from mocap_fit.edits import EDITS_ENDING, Edit, EditHistory, EditList, locate_edits, write_edits
 from mocap_fit.tracks import MarkerTracks
 

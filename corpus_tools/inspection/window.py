@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from corpus_tools.inspection import editing, listing
-from corpus_tools.inspection.gather import Sources, gather_utterance
+from corpus_tools.inspection.gather import gather_utterance
 from corpus_tools.inspection.material import Material
 from corpus_tools.inspection.mending import start_mending
 from corpus_tools.inspection.mouse import Mouse
@@ -18,6 +18,7 @@ from corpus_tools.inspection.overlay import paint_legend, paint_names, paint_tit
 from corpus_tools.inspection.panel import Choice, Panel
 from corpus_tools.inspection.screen import Area, Screen
 from corpus_tools.inspection.sound_player import SoundPlayer
+from corpus_tools.inspection.sources import Sources
 from corpus_tools.inspection.stage import Stage, StageView
 from corpus_tools.inspection.strip import LEFT, Strip, combine_extent
 from corpus_tools.inspection.time_line import TimeLine

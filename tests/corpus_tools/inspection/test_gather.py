@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import mocap_fit as mf
-from corpus_tools.inspection.gather import Sources, gather
+from corpus_tools.inspection.gather import gather
+from corpus_tools.inspection.sources import Sources
 from mocap_fit.edits import DropMarker, Relabel, start_edits, write_edits
 from mocap_fit.errors import MocapFitError
 from mocap_fit.tracks import write_parquet

@@ -10,7 +10,8 @@ import pytest
 
 import corpus_tools
 import mocap_fit as mf
-from corpus_tools.inspection.gather import Sources, gather
+from corpus_tools.inspection.gather import gather
+from corpus_tools.inspection.sources import Sources
 from corpus_tools.inspection.window import Window
 from mocap_fit.edits import MoveBoundary, Relabel, Swap, read_edits
 from mocap_fit.errors import ConfigurationError, MissingExtraError
