@@ -334,10 +334,13 @@ class _Lid:
         if mesh.has_region(ball):
             self._ball_ids = mesh.get_region(ball)
             surface = mesh.vertices[self._ball_ids]
+            self._ball = LinearNDInterpolator(surface[:, :2], surface[:, 2], fill_value=-np.inf)
+            # What lies behind the ball stays there, and closes the gap between lid and ball.
+            behind = rest[chosen, 2] < self._ball(rest[chosen, :2])
+            self._thickness[behind] = -np.inf
             # At the corners the lids hardly move, and the ball must not leave them.
             aside = np.clip((surface[:, 0] - middle[0]) / half, -1.0, 1.0)
-            self._sink = _RETRACTION * (1.0 - aside**2)
-            self._ball = LinearNDInterpolator(surface[:, :2], surface[:, 2], fill_value=-np.inf)
+            self._sink = _RETRACTION * np.minimum(4.0 * (1.0 - aside**2), 1.0)
 
     def close(self, vertices: FloatArray, amount: float) -> None:
         """Lower the lid, in place."""

@@ -101,7 +101,7 @@ def build_lid_rings() -> list[FloatArray]:
         return CENTRE + np.stack([across, up, forward], axis=1)
 
     rings = [
-        place_ring(x * 0.97, y * 0.94, project_on_ball(x, y, 1.3) - 3.0),
+        place_ring(x * 0.97, y * 0.94, project_on_ball(x, y, 1.3) - 5.0),
         place_ring(x, y, project_on_ball(x, y, 0.6)),
         place_ring(x * 1.01, y + 0.25 * sine, project_on_ball(x, y, 1.7)),
     ]
