@@ -166,4 +166,5 @@ def _colour_sheet(arch: Arch, sheet: FloatArray) -> FloatArray:
     inside = smoothstep((rows - 6) / 4)[:, None]
     colour = _GUM * (1 - edge) + _EDGE * edge
     colour = colour * (1 - inside) + _INNER[arch.upper] * inside
-    return colour[:, None] * compute_shade(sheet[..., 2].ravel()).reshape(sheet.shape)
+    shade = compute_shade(sheet[..., 2].ravel()).reshape(sheet.shape)
+    return np.asarray(colour[:, None] * shade)
