@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import base64
 import html
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from mocap_fit.plain_text import escape_controls
 
 _TYPES = {".png": "image/png", ".svg": "image/svg+xml", ".gif": "image/gif", ".mp4": "video/mp4"}
+_INTERVAL = re.compile(r"\[[^\[\]]*\]")
 _STYLE = """
 :root { color-scheme: light; }
 body { font: 16px/1.5 system-ui, "Segoe UI", Roboto, sans-serif; color: #222; background: #fff;
-  max-width: 70rem; margin: 2rem auto; padding: 0 1rem; }
+  max-width: 76rem; margin: 2rem auto; padding: 0 1rem; }
 h1 { font-size: 1.7rem; } h2 { font-size: 1.25rem; margin-top: 2.2rem; }
 table { border-collapse: collapse; margin: 0.8rem 0; font-size: 0.92rem; }
-th, td { padding: 0.25rem 0.8rem; border-bottom: 1px solid #e3e3e3; text-align: right;
+th, td { padding: 0.25rem 0.5rem; border-bottom: 1px solid #e3e3e3; text-align: right;
   vertical-align: top; font-variant-numeric: tabular-nums; }
 th { border-bottom: 2px solid #999; }
 th.text, td.text { text-align: left; font-variant-numeric: normal; }
+table { display: block; overflow-x: auto; }
 figure { margin: 1rem 0; } figcaption { color: #555; font-size: 0.9rem; }
 img, video { max-width: 100%; height: auto; }
 code { background: #f3f3f3; padding: 0 0.25em; }
@@ -104,7 +107,7 @@ def format_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str
 
     def format_row(tag: str, values: Sequence[str]) -> str:
         formatted = (
-            f"<{tag}{' class=text' if text[i] else ''}>{html.escape(value)}</{tag}>"
+            f"<{tag}{' class=text' if text[i] else ''}>{_escape_cell(value)}</{tag}>"
             for i, value in enumerate(values)
         )
         return f"<tr>{''.join(formatted)}</tr>"
@@ -138,6 +141,13 @@ def format_picture(path: Path, caption: str = "") -> str:
         shown = f'<img src="{source}" alt="{label}">'
     words = f"<figcaption>{html.escape(caption)}</figcaption>" if caption else ""
     return f"<figure>{shown}{words}</figure>"
+
+
+def _escape_cell(text: str) -> str:
+    """Return HTML of a cell, in which an interval is on one line."""
+    return _INTERVAL.sub(
+        lambda match: match[0].replace(" ", "\N{NO-BREAK SPACE}"), html.escape(text)
+    )
 
 
 def _is_number(cell: str) -> bool:

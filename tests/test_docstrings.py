@@ -4,6 +4,7 @@ import ast
 import doctest
 import importlib
 import inspect
+import re
 import sys
 from pathlib import Path
 
@@ -76,6 +77,20 @@ def test_what_users_import_has_examples_that_run(name, tmp_path, monkeypatch):
     for test in examples:
         runner.run(test)
     assert not runner.failures
+
+
+def test_help_points_to_what_is_there():
+    """A name alone is at the top level; others are written with their module."""
+    missing = []
+    for name in top_level():
+        text = inspect.getdoc(getattr(mocap_fit, name))
+        section = text.partition("\nSee Also\n")[2].partition("\nExamples\n")[0]
+        for other in re.findall(r"^([\w.]+) :", section, re.MULTILINE):
+            home, _, last = other.removeprefix("mocap_fit.").rpartition(".")
+            module = importlib.import_module(f"mocap_fit.{home}" if home else "mocap_fit")
+            if not hasattr(module, last) or (not home and last not in mocap_fit.__all__):
+                missing.append(f"{name}: {other}")
+    assert not missing
 
 
 def test_the_counter_sees_what_is_missing(tmp_path):

@@ -28,6 +28,8 @@ LANDMARKS_EXPLAINED = (
 )
 # Largest number of segments in a figure of dominance functions.
 _SEGMENTS = 100
+# Steps of a training from which its curve is drawn.
+_ITERATIONS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +254,8 @@ def write_evaluation(
         if isinstance(model, CohenMassaro) and len(phones) <= _SEGMENTS:
             functions = (model, tracks, phones, parameter)
             calls[f"dominance_{label}"] = (figures.plot_dominances, *functions)
-        if model.log_:
+        # Fewer are no training that a curve would show.
+        if len(model.log_) >= _ITERATIONS:
             calls[f"training_{label}"] = (figures.plot_training, model.log_, f"Training: {name}")
     files = []
     advance = count_steps(progress, "drawing figures", len(calls))

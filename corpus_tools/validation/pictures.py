@@ -10,7 +10,7 @@ import numpy as np
 from corpus_tools.validation.findings import Finding
 from corpus_tools.validation.report import Report
 from corpus_tools.validation.subject import Summary
-from mocap_fit.drawing import BLUE, CYCLE, GREY, ORANGE, RED, create_figure
+from mocap_fit.drawing import BLUE, CYCLE, GREY, INK, ORANGE, RED, create_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -165,7 +165,7 @@ def _draw_gaps(gaps: dict[str, list[float]], limit: float) -> Figure:
 
 
 def _draw_front(summaries: Sequence[Summary]) -> Figure:
-    figure, panel = _create_panel((_WIDTH, 6.4))
+    figure, panel = _create_panel((_WIDTH, 4.2))
     for summary in summaries:
         shape = summary.shape
         assert shape is not None
@@ -175,12 +175,34 @@ def _draw_front(summaries: Sequence[Summary]) -> Figure:
         panel.plot(face[:, 0], face[:, 1], ".", color=BLUE, alpha=0.35, markersize=4)
     last = summaries[-1].shape
     assert last is not None
-    for name, location in zip(last.names, face, strict=True):
-        if np.isfinite(location).all():
-            offset = {"xytext": (2, 2), "textcoords": "offset points"}
-            panel.annotate(name, location[:2], fontsize=6, color=GREY, **offset)
+    _name_points(panel, last.names, face[:, :2])
     panel.set(aspect="equal", xlabel="to the speaker's left (mm)", ylabel="up (mm)")
     return figure
+
+
+def _name_points(panel: Any, names: Sequence[str], points: Any) -> None:
+    """Write the names of points on both sides of them, at even distances, with a line to each."""
+    there = np.flatnonzero(np.isfinite(points).all(axis=1))
+    if not len(there):
+        return
+    low, high = points[there].min(axis=0), points[there].max(axis=0)
+    middle, half = 0.5 * (low[0] + high[0]), 0.5 * (high[0] - low[0])
+    is_right = points[there, 0] > np.median(points[there, 0])
+    for align, side, members in (("right", -1, there[~is_right]), ("left", 1, there[is_right])):
+        ordered = members[np.argsort(points[members, 1])]
+        heights = np.linspace(low[1], high[1], max(2, len(ordered)))
+        for k, height in zip(ordered, heights, strict=False):
+            panel.annotate(
+                names[k],
+                points[k],
+                (middle + 1.3 * side * half, height),
+                fontsize=7,
+                color=INK,
+                ha=align,
+                va="center",
+                arrowprops={"arrowstyle": "-", "color": GREY, "linewidth": 0.4, "alpha": 0.6},
+            )
+    panel.set_xlim(middle - 2.1 * half, middle + 2.1 * half)
 
 
 def _draw_histogram(

@@ -399,7 +399,7 @@ def evaluate(
     --------
     open_corpus : Open the corpus that ``mocap-fit convert`` wrote.
     control.create : Create a control model.
-    evaluate_landmarks : Compare predicted faces with the markers.
+    mocap_fit.evaluation.evaluate_landmarks : Compare predicted faces with the markers.
 
     Examples
     --------

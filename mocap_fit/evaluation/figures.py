@@ -117,7 +117,8 @@ def plot_parameters(evaluation: Evaluation) -> Figure:
     axis = axes[0, 0]
     known = values[np.isfinite(values)]
     top = float(known.max()) if known.size else 1.0
-    axis.imshow(values, cmap="YlOrBr", vmin=0.0, vmax=1.15 * top, aspect="auto")
+    # Of the colours the light half alone, which dark numbers are read on.
+    axis.imshow(values, cmap="YlOrBr", vmin=0.0, vmax=2.0 * top, aspect="auto")
     for i in range(rows):
         for j in range(columns):
             if np.isfinite(values[i, j]):

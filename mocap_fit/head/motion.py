@@ -223,7 +223,7 @@ def remove_head_motion(
     MarkerTracks
         All markers in head coordinates; missing in the frames whose pose is unknown.
     HeadMotion
-        Motion that was removed; `restore_head_motion` adds it again.
+        Motion that was removed; `mocap_fit.head.restore_head_motion` adds it again.
 
     Raises
     ------

@@ -182,7 +182,8 @@ def load_phone_set(name: str | Path) -> PhoneSet:
     Parameters
     ----------
     name
-        The name of a set that comes with the package (`list_phone_sets`), or a TOML file.
+        The name of a set that comes with the package (``mocap-fit info`` lists them), or a TOML
+        file; ``mocap_fit/phones/sets`` has examples.
 
     Returns
     -------
