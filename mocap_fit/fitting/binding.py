@@ -59,6 +59,9 @@ class Binding:
         Head markers, ``(head markers, 3)``, millimetres of the face.
     head_weights
         Weights of the head markers, ``(head markers,)``, no unit.
+    reference_noise
+        What noise is left in a coordinate of the reference pose, millimetres of the face; 0 where
+        that is not known.
     """
 
     rig: Rig
@@ -75,6 +78,7 @@ class Binding:
     head_names: tuple[str, ...]
     head_positions: FloatArray
     head_weights: FloatArray
+    reference_noise: float = 0.0
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -268,7 +272,16 @@ def bind_markers(
         head_names=tuple(head),
         head_positions=np.array([position for position, _ in head.values()]).reshape(-1, 3),
         head_weights=np.array([weight for _, weight in head.values()]),
+        reference_noise=orientation.scale * _estimate_noise(reference),
     )
+
+
+def _estimate_noise(reference: MarkerTracks) -> float:
+    """Estimate the noise of a coordinate's median from the changes from frame to frame."""
+    changes = np.diff(reference.positions, axis=0)
+    changes = changes[np.isfinite(changes)]
+    deviation = np.sqrt(0.5 * np.mean(changes**2)) if changes.size else 0.0
+    return float(deviation * np.sqrt(np.pi / 2 / reference.frames))
 
 
 def check_recording(binding: Binding, recording: MarkerTracks) -> None:

@@ -21,7 +21,7 @@ from mocap_fit.fitting.binding import Binding, check_recording
 from mocap_fit.fitting.frame_costs import CostScale, FrameCosts, LocalCosts, compute_cost_scale
 from mocap_fit.fitting.objective import Evaluator, Objective, check_objective
 from mocap_fit.fitting.precision import MISFIT_FACTOR, estimate_noise
-from mocap_fit.fitting.shape import ShapeFit, compute_root_mean_square
+from mocap_fit.fitting.shape import ShapeFit, compute_root_mean_square, measure_pose_noise
 from mocap_fit.fitting.smoothness import (
     BoolArray,
     build_roughness_bands,
@@ -47,6 +47,8 @@ _STILL = 1e-8
 _MEDIAN_CHI_SQUARE = 2.366
 # Part of the mean information that is added to the diagonal, so that the matrix is regular.
 _RIDGE = 1e-10
+# Step of a numerical derivative, no unit.
+_STEP = 1e-5
 
 
 def fit_over_time(
@@ -94,9 +96,9 @@ def fit_over_time(
     -------
     ShapeFit
         Bridged frames have the status `BRIDGED`. Standard deviations are those of the smooth
-        tracks with the misfit of the face (`ShapeFit.misfit`), larger in gaps; infinite where the
-        markers do not determine a parameter for longer than the largest gap, or up to the
-        beginning or the end of a segment.
+        tracks with the misfit of the face (`ShapeFit.misfit`) and the noise of the reference pose,
+        larger in gaps; infinite where the markers do not determine a parameter for longer than the
+        largest gap, or up to the beginning or the end of a segment.
 
     Raises
     ------
@@ -141,7 +143,10 @@ def fit_over_time(
     segments = [FrameCosts(evaluator, targets[s], shown[s], objective, threshold) for s in slices]
     starts = [np.clip(_fill_gaps(fit.parameters.values[s]), *bounds.T) for s in slices]
     local_costs = [data.at(start) for data, start in zip(segments, starts, strict=True)]
+    excess, pose = measure_pose_noise(binding, recording)
+    # The pose's noise is in the residuals too, unless they have refined it.
     noise = _estimate_noise(local_costs, segments)
+    noise /= 1.0 if fit.pose_corrections.any() else np.sqrt(1.0 + excess)
     if not np.isfinite(noise):
         noise = fit.noise * scale if np.isfinite(fit.noise) else 1.0
     cost_scale = compute_cost_scale(objective, threshold, max(noise, _LEAST_NOISE))
@@ -149,7 +154,7 @@ def fit_over_time(
     units = [
         _compute_unit_deviations(fit, part, b, scale) for part, b in zip(slices, bare, strict=True)
     ]
-    noisiness = _compute_noise_ratio(units, bare)
+    noisiness, more = _compute_noise_ratio(units, bare), np.ones(len(bounds))
     if weight is None:
         alone = [fit.parameters.values[part] for part in slices]
         smoothing, more = _learn_smoothing(alone, units, cost_scale, rate)
@@ -161,8 +166,9 @@ def fit_over_time(
         strengths_of_all = _check_weight(weight, binding, evaluator)
         strengths = [np.tile(strengths_of_all, (max(len(start) - 2, 0), 1)) for start in starts]
     weights = _summarise_strengths(strengths)
-    # Smoothness takes noise away, but not what a face of another shape does to slow gestures.
-    misfit = MISFIT_FACTOR * fit.misfit * scale
+    # Smoothness takes noise away, but neither what a face of another shape does to slow gestures
+    # nor the noise of the reference pose.
+    lasting = np.hypot(MISFIT_FACTOR * fit.misfit * scale, binding.reference_noise)
 
     values = np.full(fit.parameters.values.shape, np.nan)
     deviations = np.full(values.shape, np.nan)
@@ -173,15 +179,22 @@ def fit_over_time(
         solution, here, rounds = _solve(
             data, starts[i], local_costs[i], strengths[i], rate, bounds, maximum_rounds
         )
-        spread = _compute_covariance(here.information, strengths[i], noisiness, cost_scale, rate)
+        share = data.weights.sum(axis=1) / binding.weights.sum()
+        variance, taken[part] = _compute_variances(
+            here.information,
+            pose * share[:, None, None] ** 2,
+            strengths[i],
+            (noisiness, more),
+            cost_scale,
+            rate,
+        )
         values[part], costs[part] = solution, here.costs
         evaluations[part] += rounds
         undetermined = np.isinf(fit.parameters.standard_deviations[part]) | ~fit.fitted[part, None]
-        variance = np.einsum("tpp->tp", spread) + (misfit * _fill_gaps(units[i])) ** 2
+        variance += (lasting * _fill_gaps(units[i])) ** 2
         deviations[part] = np.where(
             _find_long_gaps(undetermined, longest), np.inf, np.sqrt(variance)
         )
-        taken[part] = np.einsum("tij,tji->t", spread, here.information) / cost_scale.variance
         distance = np.linalg.norm(here.residuals, axis=2) / scale
         distances[part] = np.where(data.weights > 0, distance, np.nan)
         status[part] = np.where(fit.fitted[part], fit.status[part], BRIDGED)
@@ -369,19 +382,31 @@ def _check_weight(
     return np.asarray(strengths * np.maximum(moved, 1e-6 * moved.max()))
 
 
-def _compute_covariance(
+def _compute_variances(
     information: FloatArray,
+    pose: FloatArray,
     strengths: FloatArray,
-    noisiness: FloatArray,
+    noisiness: tuple[FloatArray, FloatArray],
     cost_scale: CostScale,
     rate: float,
-) -> FloatArray:
-    """Compute the covariance of every frame, ``(frames, parameters, parameters)``."""
-    noise = np.sqrt(cost_scale.variance * noisiness)
-    blocks = information / noise[:, None] / noise
+) -> tuple[FloatArray, FloatArray]:
+    """Compute the variances of every frame, and the degrees of freedom that it took.
+
+    The cost has the matrix ``H = G + Q``: the information that markers of independent noise have,
+    and the roughness. But the head's pose moves all of them alike, which adds P to the variance G
+    of the gradient; and with ``noisiness`` k the precision of the prior is ``Q / k``. So the
+    covariance is ``H⁻¹ (G + P + k Q) H⁻¹``; the second of ``noisiness`` is a factor of the noise.
+    """
+    ratio, more = noisiness
+    blocks = information / cost_scale.variance
     np.einsum("tpp->tp", blocks)[:] += _compute_ridge(blocks)
-    precision = 2.0 * strengths / (cost_scale.kappa * noisiness)
-    return compute_inverse_blocks(blocks, build_roughness_bands(len(blocks), rate, precision))
+    bands = build_roughness_bands(len(blocks), rate, 2.0 * strengths / cost_scale.kappa)
+    gradients = np.sqrt(np.outer(more, more)) * (blocks + pose / cost_scale.variance)
+    inverse = compute_inverse_blocks(blocks, bands)
+    # H⁻¹ N H⁻¹ is the derivative of an inverse: of (H - t N)⁻¹ at 0.
+    near = compute_inverse_blocks(blocks + _STEP * gradients, bands * (1.0 + _STEP * ratio))
+    variances = np.einsum("tpp->tp", inverse - near) / _STEP
+    return variances, np.einsum("tij,tji->t", inverse, blocks)
 
 
 def _summarise_strengths(strengths: Sequence[FloatArray]) -> FloatArray:

@@ -277,14 +277,14 @@ def _sum_squares(
     return weighted[frames].sum(axis=1), freedom[frames]
 
 
-def compute_pose_excess(
+def compute_pose_noise(
     jacobian: FloatArray,
     weights: FloatArray,
     positions: FloatArray,
     head_positions: FloatArray,
     head_weights: FloatArray,
-) -> float:
-    """Compute what the noise of the head's pose adds to the residuals' variance.
+) -> tuple[float, FloatArray]:
+    """Compute what the noise of the head's pose adds to residuals and to their gradient.
 
     Parameters
     ----------
@@ -301,17 +301,23 @@ def compute_pose_excess(
 
     Returns
     -------
-    float
-        Part of the variance without it, 0 or more.
+    excess : float
+        Part of the residuals' variance without it, 0 or more.
+    covariance : ndarray
+        Covariance of ``Jᵀ W`` times the markers' errors, ``(parameters, parameters)``, square
+        millimetres per unit variance of a marker's coordinate.
     """
     count = jacobian.shape[2]
     rows, flat = np.repeat(weights, 3), jacobian.reshape(-1, count)
     freedom = len(rows) - count
-    if len(head_positions) < 3 or freedom <= 0:
-        return 0.0
+    if len(head_positions) < 3:
+        return 0.0, np.zeros((count, count))
     effect = compute_motion_jacobian(positions, head_positions.mean(axis=0)).reshape(-1, 6)
     across = flat.T @ (rows[:, None] * effect)
+    pose = _compute_pose_covariance(head_positions, head_weights[None])[0]
+    covariance = across @ pose @ across.T
+    if freedom <= 0:
+        return 0.0, covariance
     inverse = np.linalg.pinv(flat.T @ (rows[:, None] * flat), rcond=1e-12, hermitian=True)
     left = effect.T @ (rows[:, None] * effect) - across.T @ inverse @ across
-    pose = _compute_pose_covariance(head_positions, head_weights[None])[0]
-    return float(max(np.trace(left @ pose), 0.0) / (freedom * weights.mean()))
+    return float(max(np.trace(left @ pose), 0.0) / (freedom * weights.mean())), covariance

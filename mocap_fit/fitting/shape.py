@@ -24,7 +24,7 @@ from mocap_fit.fitting.precision import (
     MISFIT_FACTOR,
     compute_covariance,
     compute_deviations,
-    compute_pose_excess,
+    compute_pose_noise,
     estimate_misfit,
     estimate_noise,
 )
@@ -265,7 +265,7 @@ def fit_shape(
     distances /= scale
     noise = estimate_noise(distances, binding.weights, freedom)
     misfit = min(estimate_misfit(products / scale**2, binding.weights, freedom), noise)
-    excess = 0.0 if refine_pose else _compute_pose_excess(binding, recording)
+    excess = 0.0 if refine_pose else measure_pose_noise(binding, recording)[0]
     quick = (noise**2 - misfit**2) / (1.0 + excess)
     noise = float(np.sqrt(quick + (MISFIT_FACTOR * misfit) ** 2))
     tracks = ParameterTracks(
@@ -292,15 +292,30 @@ def fit_shape(
     return ShapeFit(tracks, binding.names, distances, *solution[1:], noise, misfit)
 
 
-def _compute_pose_excess(binding: Binding, recording: MarkerTracks) -> float:
-    """Compute what the noise of the head's pose adds to the residuals' variance, at rest."""
+def measure_pose_noise(binding: Binding, recording: MarkerTracks) -> tuple[float, FloatArray]:
+    """Measure what the noise of the head's pose adds to a recording's residuals, at rest.
+
+    Parameters
+    ----------
+    binding
+        Virtual markers, from `bind_markers`.
+    recording
+        Recording in head coordinates.
+
+    Returns
+    -------
+    excess : float
+        Part of the residuals' variance without it, 0 or more.
+    covariance : ndarray
+        What it adds to the gradient (`compute_pose_noise`), ``(parameters, parameters)``, square
+        millimetres per unit variance of a marker's coordinate.
+    """
     names = [name for name in binding.head_names if name in recording.names]
-    posed = recording.visible[:, recording.indices(names)].sum(axis=1) >= 3
-    if not posed.any():
-        return 0.0
+    posed = (recording.visible[:, recording.indices(names)].sum(axis=1) >= 3).mean()
     positions, jacobian = binding.evaluate(binding.reference_parameters)
     head = binding.head_positions, binding.head_weights
-    return float(posed.mean()) * compute_pose_excess(jacobian, binding.weights, positions, *head)
+    excess, covariance = compute_pose_noise(jacobian, binding.weights, positions, *head)
+    return float(posed) * excess, posed * covariance
 
 
 def compute_root_mean_square(distances: FloatArray) -> FloatArray:

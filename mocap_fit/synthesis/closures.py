@@ -307,7 +307,7 @@ def _limit_by_closures(times: FloatArray, closures: Sequence[Interval]) -> Float
     for closure in closures:
         apart = np.maximum(np.maximum(closure.start - times, times - closure.end), 0.0)
         # Some places are pressed while others just touch: they too have to open in time.
-        np.minimum(limits, np.maximum(CLOSED, SPEED * apart - PRESSED), out=limits)
+        np.minimum(limits, np.maximum(CLOSED, SPEED * apart + 0.5 * CLOSED - PRESSED), out=limits)
     return limits
 
 

@@ -34,6 +34,16 @@ def test_other_reference_parameters_are_honoured(layout: Layout, face: Rig, sess
     assert np.abs(binding.evaluate(np.zeros(10))[0] - measured).max() > 1.0
 
 
+def test_the_noise_of_the_reference_pose_is_that_of_its_median(layout, face, session, rng) -> None:
+    still = session.still
+    assert bind_markers(face, layout, still, Orientation()).reference_noise == 0.0
+    positions = np.repeat(still.positions[:1], 100, axis=0)
+    noisy = MarkerTracks(still.names, 60.0, positions + rng.normal(0, 0.3, positions.shape))
+    binding = bind_markers(face, layout, noisy, Orientation(scale=1.1))
+    medians = np.median(rng.normal(0, 0.3, (2000, 100)), axis=1)
+    assert binding.reference_noise == pytest.approx(1.1 * np.std(medians), rel=0.05)
+
+
 @settings(max_examples=30, deadline=None)
 @given(values=VALUES)
 def test_jacobian_is_the_derivative(binding: Binding, values: np.ndarray) -> None:

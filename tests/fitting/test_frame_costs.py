@@ -7,11 +7,11 @@ from mocap_fit.fitting.frame_costs import CostScale, FrameCosts, LocalCosts, _up
 from mocap_fit.fitting.over_time import (
     _check_weight,
     _compute_bare_deviations,
-    _compute_covariance,
     _compute_noise_ratio,
     _compute_ridge,
     _compute_total,
     _compute_unit_deviations,
+    _compute_variances,
     _fill_gaps,
     _split_at_gaps,
     _summarise_strengths,
@@ -178,22 +178,29 @@ class TestParts:
         bare = [np.ones((2, 2)), np.full((1, 2), 2.0)]
         np.testing.assert_allclose(_compute_noise_ratio(units, bare), [9.0, 1.0])
 
-    def test_covariances_are_those_of_the_dense_inverse(self, rng):
-        roots = rng.normal(size=(5, 4, 2))
-        information = np.einsum("tmp,tmq->tpq", roots, roots)
-        strengths, noisiness = rng.uniform(0.01, 0.02, (3, 2)), np.array([1.0, 2.5])
-        scale, rate = CostScale(0.04, 0.3), 4.0
-        dense = np.zeros((5, 2, 5, 2))
+    def test_variances_are_those_of_the_dense_estimate(self, rng):
+        roots, of_pose = rng.normal(size=(5, 4, 2)), rng.normal(size=(5, 3, 2))
+        information, pose = (np.einsum("tmp,tmq->tpq", r, r) for r in (roots, of_pose))
+        strengths, ratio = rng.uniform(0.01, 0.02, (3, 2)), np.array([1.2, 2.5])
+        scale, rate, more = CostScale(0.04, 0.3), 4.0, np.array([1.0, 1.5])
+        data, gradients, rough, prior = np.zeros((4, 5, 2, 5, 2))
         for t in range(5):
-            noise = np.sqrt(0.04 * noisiness)
-            dense[t, :, t, :] = information[t] / np.outer(noise, noise)
+            data[t, :, t, :] = information[t] / 0.04
+            gradients[t, :, t, :] = np.sqrt(np.outer(more, more)) * (information + pose)[t] / 0.04
         second = np.diff(np.eye(5), n=2, axis=0) * rate**1.5
         for p in range(2):
-            precision = 2 * strengths[:, p] / (0.3 * noisiness[p])
-            dense[:, p, :, p] += second.T @ np.diag(precision) @ second
-        inverse = np.linalg.inv(dense.reshape(10, 10)).reshape(5, 2, 5, 2)
-        found = _compute_covariance(information, strengths, noisiness, scale, rate)
-        np.testing.assert_allclose(found, [inverse[t, :, t] for t in range(5)], rtol=1e-6)
+            rough[:, p, :, p] = second.T @ np.diag(2 * strengths[:, p] / 0.3) @ second
+            prior[:, p, :, p] = ratio[p] * rough[:, p, :, p]
+        data, gradients, rough, prior = (
+            each.reshape(10, 10) for each in (data, gradients, rough, prior)
+        )
+        inverse = np.linalg.inv(data + rough)
+        expected = np.diag(inverse @ (gradients + prior) @ inverse).reshape(5, 2)
+        variances, taken = _compute_variances(
+            information, pose, strengths, (ratio, more), scale, rate
+        )
+        np.testing.assert_allclose(variances, expected, rtol=1e-3)
+        np.testing.assert_allclose(taken.sum(), np.trace(inverse @ data), rtol=1e-6)
 
     def test_strengths_are_summed_up_by_their_median(self):
         strengths = [np.array([[1.0, 5.0], [2.0, 6.0]]), np.zeros((0, 2)), np.array([[9.0, 0.0]])]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mocap_fit.fitting import Binding, fit_over_time, fit_shape
-from mocap_fit.fitting.precision import MISFIT_FACTOR, compute_pose_excess, estimate_misfit
+from mocap_fit.fitting.precision import MISFIT_FACTOR, compute_pose_noise, estimate_misfit
 from mocap_fit.tracks.rigid import compute_motion_jacobian
 
 FRAMES, RATE, NOISE = 90, 60.0, 0.1
@@ -52,9 +52,13 @@ def test_the_excess_of_the_pose_is_that_of_many_draws(rng):
     fitted = np.linalg.solve(flat.T @ (rows[:, None] * flat), flat.T * rows)
     left = moved - moved @ fitted.T @ flat.T
     expected = np.mean(left**2 @ rows) / ((36 - 4) * weights.mean())
-    found = compute_pose_excess(jacobian, weights, positions, head, np.ones(5))
-    assert found == pytest.approx(expected, rel=0.05)
-    assert compute_pose_excess(jacobian, weights, positions, head[:2], np.ones(2)) == 0.0
+    excess, covariance = compute_pose_noise(jacobian, weights, positions, head, np.ones(5))
+    assert excess == pytest.approx(expected, rel=0.05)
+    scale = np.abs(covariance).max()
+    np.testing.assert_allclose(covariance, np.cov(flat.T @ (rows * moved).T), atol=0.05 * scale)
+    excess, covariance = compute_pose_noise(jacobian, weights, positions, head[:2], np.ones(2))
+    assert excess == 0.0
+    assert not covariance.any()
 
 
 @pytest.fixture(scope="module")
