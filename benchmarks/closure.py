@@ -21,8 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from corpus_tools.talking.speak import choose_default
-from corpus_tools.talking.speak_models import RULE_BASED, find_model
+from corpus_tools.talking.speak_models import RULE_BASED, choose_default, find_model
 from mocap_fit import control
 from mocap_fit.control import ControlModel
 from mocap_fit.errors import MocapFitWarning

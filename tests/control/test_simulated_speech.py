@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from corpus_tools.talking.speak_models import simulate_corpus
+from corpus_tools.talking.voice_training import simulate_corpus
 from mocap_fit import control
 from mocap_fit.control import ControlModel
 from mocap_fit.corpus import Corpus
