@@ -146,10 +146,13 @@ def _build_cap() -> Piece:
     share = np.linspace(0, 1, _ROWS)[:, None]
     level = (low + share * (top - low)).ravel()
     azimuth = np.tile(around, _ROWS)
+    depth = measure_hair_depth(azimuth, level)
+    streak = np.repeat(scatter(_COLUMNS, 22)[None], _ROWS, axis=0).ravel()
     furrow = scatter(_COLUMNS * _ROWS, 21) - 0.5
-    height = _compute_thickness(azimuth, level) + 1.1 * furrow * smoothstep(
-        (measure_hair_depth(azimuth, level) - 6) / 12
-    )
+    furrow *= smoothstep((depth - 6) / 12) * smoothstep((top - level) / 30)
+    # Nor is the edge a line.
+    height = _compute_thickness(azimuth, level) + 1.1 * furrow
+    height -= 1.3 * streak * smoothstep(1 - depth / 11)
     crown = skull.CROWN + np.array([0.0, _AT_CROWN, 0.0])
     vertices = np.concatenate([_lift_off(azimuth, level, height), crown[None]])
     index = np.arange(_COLUMNS * _ROWS).reshape(_ROWS, _COLUMNS)[:, ::-1]
@@ -157,7 +160,6 @@ def _build_cap() -> Piece:
     fan = triangulate_fan(index[-1], len(vertices) - 1)
     triangles = np.concatenate([*strips, fan])
     # Streaks that run with the hair.
-    streak = np.repeat(scatter(_COLUMNS, 22)[None], _ROWS, axis=0).ravel()
     shade = 0.78 + 0.24 * streak + 0.25 * scatter(_COLUMNS * _ROWS, 23)
     return Piece(vertices, triangles, np.outer(np.append(shade, 0.9), HAIR))
 
@@ -166,7 +168,8 @@ def _build_hairs() -> Piece:
     """Build single hairs: most along the hairline, where they are seen one by one."""
     count = _EDGE_HAIRS + _INNER_HAIRS
     across, depth = spread_evenly(count).T
-    azimuth = np.pi * (2 * across - 1)
+    # Denser in front.
+    azimuth = np.pi * (2 * across - 1) * (0.62 + 0.38 * (2 * across - 1) ** 2)
     away = np.abs(azimuth)
     line, slope = _find_hairline_levels()(away), _find_hairline_levels()(away, 1)
     top = skull.get_level_range()[1] - 22.0
