@@ -194,7 +194,10 @@ def _summarise_clocks(clocks: Sequence[Mapping[str, Any]]) -> str:
             f"{len(estimates)} ESTIMATED by lips and energy, correlation {np.median(estimates):.2f}"
         )
     if kinds["none"]:
-        parts.append(f"{kinds['none']} by their start time")
+        text = f"{kinds['none']} by their start time"
+        if not any(each["start_time"] for each in clocks if each["kind"] == "none"):
+            text += ", 0 s (if that is not so: start_time or [sync] in a manifest)"
+        parts.append(text)
     return "on the clock of the sound: " + "; ".join(parts)
 
 
