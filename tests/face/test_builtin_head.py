@@ -255,10 +255,14 @@ def test_lids_lie_before_the_ball_and_nothing_of_it_comes_through(head):
 
 
 def test_hair_lies_on_the_scalp_and_hides_what_is_said_to_be_under_it(head):
-    hair, _ = part_surface(head, "hair")
+    hair, triangles = part_surface(head, "hair")
     scalp = head.vertices[head.get_region("under_hair")]
     assert len(scalp) > 300
     centre = np.array([0.0, 55.0, -8.0])
+    a, b, c = (hair[triangles[:, i]] for i in range(3))
+    assert (np.sum(np.cross(b - a, c - a) * (a - centre), axis=1) > 0).mean() > 0.99
+    crown = triangles == hair[:, 1].argmax()
+    assert (np.cross(b - a, c - a)[crown.any(axis=1), 1] > 0).all()
     distance, nearest = cKDTree(hair).query(scalp)
     assert distance.max() < 14
     lifted = np.linalg.norm(hair[nearest] - centre, axis=1) - np.linalg.norm(scalp - centre, axis=1)

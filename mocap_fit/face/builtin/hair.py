@@ -157,7 +157,7 @@ def _build_cap() -> Piece:
     vertices = np.concatenate([_lift_off(azimuth, level, height), crown[None]])
     index = np.arange(_COLUMNS * _ROWS).reshape(_ROWS, _COLUMNS)[:, ::-1]
     strips = [triangulate_strip(index[row + 1], index[row]) for row in range(_ROWS - 1)]
-    fan = triangulate_fan(index[-1], len(vertices) - 1)
+    fan = triangulate_fan(index[-1, ::-1], len(vertices) - 1)
     triangles = np.concatenate([*strips, fan])
     # Streaks that run with the hair.
     shade = 0.78 + 0.24 * streak + 0.25 * scatter(_COLUMNS * _ROWS, 23)
