@@ -9,11 +9,13 @@ from mocap_fit.face.mesh import IndexArray, Mesh
 from mocap_fit.tracks import FloatArray
 
 _PARTS = ("teeth_upper", "teeth_lower", "gums_upper", "gums_lower", "tongue")
-_REGIONS = ("mouth_bag_upper", "mouth_bag_lower", "wet_lip")
+_BAG = ("mouth_bag_upper", "mouth_bag_lower")
+_LIPS = "wet_lip"
 # Red, green and blue light that walls pass on to where the lips hide the outside when they are open
 # so far (mm), and the share of it when they are closed. The rest grows with the part of the outside
 # that is seen; walls make it count for more than its size.
 _LEAST = np.array([0.28, 0.19, 0.175])
+_LEAST_ON_LIPS = np.array([0.62, 0.50, 0.48])
 _WIDE_OPEN, _CLOSED = 10.0, 0.3
 _GAIN, _POWER = 2.6, 0.62
 # Over this distance (mm) what is far from the middle sees the mouth's opening from the middle.
@@ -31,11 +33,13 @@ class MouthLight:
 
     def __init__(self, mesh: Mesh) -> None:
         self._count = len(mesh.vertices)
-        names = [name for name in (*_PARTS, *_REGIONS) if mesh.has_region(name)]
+        names = [name for name in (*_PARTS, *_BAG, _LIPS) if mesh.has_region(name)]
         inside = [mesh.get_region(name) for name in names] if has_lip_line(mesh) else []
         self._inside: IndexArray = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *inside]))
         if self._inside.size:
             self._upper, self._lower = find_lip_contours(mesh)
+            lips = mesh.get_region(_LIPS) if _LIPS in names else []
+            self._on_lips = np.isin(self._inside, lips)[:, None]
 
     def compute(self, vertices: FloatArray) -> FloatArray:
         """Compute the light that reaches each vertex.
@@ -75,7 +79,8 @@ class MouthLight:
         seen = np.clip(_GAIN * height * width / np.pi**2, 0.0, 1.0) ** _POWER
         seen = np.where(depth > 0, seen, 1.0)[:, None]
         opening = np.clip((upper[:, 1].max() - lower[:, 1].min()) / _WIDE_OPEN, 0.0, 1.0)
-        least = _LEAST * (_CLOSED + (1 - _CLOSED) * opening)
+        walls = _LEAST * (_CLOSED + (1 - _CLOSED) * opening)
+        least = np.where(self._on_lips, _LEAST_ON_LIPS, walls)
         light[self._inside] = least + (1 - least) * seen
         return light
 
