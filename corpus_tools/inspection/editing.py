@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from corpus_tools.inspection.checking import guess_phone_set
 from corpus_tools.inspection.listing import list_tabs, pick_item
 from mocap_fit.edits import (
     DropMarker,
@@ -22,8 +23,9 @@ from mocap_fit.edits import (
     Split,
     Swap,
 )
+from mocap_fit.fitting import suggest_reference
 from mocap_fit.labels import Label
-from mocap_fit.phones import find_phone_sets, load_phone_set
+from mocap_fit.phones import load_phone_set
 
 if TYPE_CHECKING:
     from corpus_tools.inspection.stage import StageView
@@ -129,9 +131,11 @@ def _add(window: Window, edit: Edit, done: str) -> None:
 
 
 def _get_ends(window: Window) -> tuple[float | None, float | None]:
-    """Return the ends of the selection, seconds; None where nothing is selected."""
-    span = window.line.selection
-    return (None, None) if span is None else (round(span[0], 4), round(span[1], 4))
+    """Return the ends of the selection on the recording's clock; None where there is none."""
+    span, mending = window.line.selection, window.mending
+    if span is None or mending is None:
+        return None, None
+    return mending.to_edit_times(*span)
 
 
 def _describe_span(window: Window) -> str:
@@ -168,7 +172,9 @@ def _swap(window: Window) -> None:
     # The nearest are exchanged most often.
     middle = np.nanmedian(recording.positions, axis=0)
     apart = np.linalg.norm(middle - middle[recording.index(name)], axis=1)
-    others = [recording.names[k] for k in np.argsort(apart) if recording.names[k] != name]
+    nearest = [recording.names[k] for k in np.argsort(apart)]
+    # First, however, those that a finding names.
+    others = [n for n in dict.fromkeys([*window.named, *nearest]) if n != name]
     start, end = _get_ends(window)
     window.choose(
         f"swap {name} {_describe_span(window)} with",
@@ -206,9 +212,11 @@ def _mirror(window: Window) -> None:
 
 
 def _set_reference(window: Window) -> None:
-    if window.line.selection is None:
-        window.say("select the stretch of time that is the reference pose first")
-        return
+    recording, layout = window.material.recording, window.material.layout
+    if window.line.selection is None and recording is not None and layout is not None:
+        # The stillest with closed lips.
+        span = suggest_reference(recording, layout)
+        window.line.select(span.start, span.end)
     start, end = _get_ends(window)
     _add(window, SetReference(start=start, end=end), f"reference pose {_describe_span(window)}")
 
@@ -232,10 +240,8 @@ def _list_symbols(window: Window) -> list[str]:
     phones = window.material.tiers["phones"]
     used = dict.fromkeys(e.text.strip() for e in phones.entries if e.text.strip())
     name = window.sources.phone_set
-    if name is None:
-        counts = dict.fromkeys(used, 1)
-        name = next(iter(find_phone_sets(counts)[0]), None)
-    symbols = [] if name is None else list(load_phone_set(name).list_symbols())
+    phone_set = guess_phone_set(phones) if name is None else load_phone_set(name)
+    symbols = [] if phone_set is None else list(phone_set.list_symbols())
     return list(dict.fromkeys([*symbols, *used]))
 
 
@@ -340,7 +346,7 @@ KEYS: dict[str, Action] = {
     "D": Action("drop the marker (or all) in the selection", _drop_span),
     "Shift+D": Action("drop the marker throughout", _drop_marker),
     "Shift+M": Action("mirror the recording", _mirror),
-    "Shift+R": Action("the selection is the reference pose", _set_reference),
+    "Shift+R": Action("the selection, or the stillest part, is the reference pose", _set_reference),
     "L": Action("relabel the phone", _relabel),
     "B": Action("split the phone at the cursor", _split),
     "M": Action("merge the two phones at the nearest boundary", _merge),

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from corpus_tools.inspection.checking import check_material
 from corpus_tools.inspection.material import Material, Path_
 from corpus_tools.inspection.sources import (
     Sources,
@@ -21,8 +22,9 @@ from corpus_tools.inspection.sources import (
     read_sound_of,
     to_phones_of,
 )
-from corpus_tools.validation.findings import Finding
-from corpus_tools.validation.subject import Context, Subject, check_subject
+from corpus_tools.validation.findings import Finding, Location
+from corpus_tools.validation.reading import describe_failure
+from corpus_tools.validation.sounds import check_pulses
 from corpus_tools.validation.thresholds import load_thresholds
 from mocap_fit.corpus import DESCRIPTION_FILE, Corpus, open_corpus
 from mocap_fit.edits import EditList, load_edits, start_edits
@@ -32,9 +34,9 @@ from mocap_fit.fitting import Layout, load_layout
 from mocap_fit.fitting.layout import list_layouts
 from mocap_fit.fitting.speaker import Speaker, fit_speaker
 from mocap_fit.head import remove_head_motion
-from mocap_fit.labels import Labels
 from mocap_fit.labels.phone_labels import to_labels
-from mocap_fit.sound import Sound, read_sound
+from mocap_fit.phones import load_phone_set
+from mocap_fit.sound import Sound, read_sound, synchronise
 from mocap_fit.tracks import MarkerTracks, ParameterTracks
 
 # Frames: longer recordings are shown with a fit only where it is there already.
@@ -124,7 +126,9 @@ def gather_recording(
     layout = find_layout_of(recording, path, sources)
     files = find_beside(path)
     labels = read_labels_of(files, sources, edits)
-    sound = read_sound_of(files, sources)
+    recording, sound, about_clock = _put_on_one_clock(
+        path, recording, read_sound_of(files, sources)
+    )
     if (
         former is not None
         and former.edits is not None
@@ -137,8 +141,7 @@ def gather_recording(
         speaker, reasons = find_speaker(path, recording, layout, sources, edits)
         heads, measured, notes = _fit(recording, speaker, reasons)
     rig = None if speaker is None else speaker.binding.rig
-    findings = _check(path, recording, labels, sound, layout, sources)
-    return Material(
+    material = Material(
         title=path.name,
         path=path,
         notes=notes,
@@ -151,9 +154,9 @@ def gather_recording(
         labels=labels,
         phones=to_phones_of(labels, sources),
         sound=sound,
-        findings=findings,
         edits=edits,
     )
+    return _finish(material, sources, about_clock)
 
 
 def _fit(
@@ -204,11 +207,7 @@ def gather_utterance(corpus: Corpus, name: str | None = None) -> Material:
     if (utterance.folder / "markers" / f"{utterance.id}.parquet").is_file():
         recording = utterance.read_markers()
         speaker, measured = _bring_utterance_to_face(recording, tracks, rig, layout)
-    subject = Subject(
-        utterance.id, markers=recording, parameters=tracks, sound=sound, on_one_clock=True
-    )
-    context = Context(load_thresholds(), layout, rig, corpus.phone_set)
-    return Material(
+    material = Material(
         title=f"{utterance.folder.name}: {utterance.id}",
         path=utterance.folder,
         notes=tuple(filter(None, (utterance.text, *utterance.checks))),
@@ -221,9 +220,10 @@ def gather_utterance(corpus: Corpus, name: str | None = None) -> Material:
         labels=to_labels(phones, phone_set=corpus.phone_set),
         phones=phones,
         sound=sound,
-        findings=tuple(check_subject(subject, context)[0]),
         utterances=corpus.utterances,
     )
+    findings = check_material(material, phone_set=corpus.phone_set, on_one_clock=True)
+    return material.replace(findings=findings)
 
 
 def bring_to_face(still: MarkerTracks, speaker: Speaker) -> MarkerTracks:
@@ -279,10 +279,12 @@ def _gather_fit(path: Path, tracks: ParameterTracks, sources: Sources) -> Materi
     measured = recording = speaker = edits = None
     notes: tuple[str, ...] = ()
     files = find_beside(source or path)
+    sound, about_clock = read_sound_of(files, sources), None
     if source is not None:
         recording = sources.options.read_tracks(source)
         edits = load_edits(source, sources.edits) or start_edits(source)
         recording = edits.apply(recording)
+        recording, sound, about_clock = _put_on_one_clock(source, recording, sound)
     layout = load_named_layout(sources.layout or arguments.get("layout"))
     if recording is not None and source is not None:
         speaker, notes = find_speaker(source, recording, layout, sources, edits)
@@ -290,14 +292,13 @@ def _gather_fit(path: Path, tracks: ParameterTracks, sources: Sources) -> Materi
             still, _ = speaker.remove_head_motion(speaker.prepare(recording))
             measured = bring_to_face(still, speaker)
     labels = read_labels_of(files, sources, edits)
-    sound = read_sound_of(files, sources)
     rig = load_face(face) if speaker is None else speaker.binding.rig
-    return Material(
+    material = Material(
         title=path.name,
         path=path,
         notes=notes,
         rig=rig,
-        heads={"fit": tracks},
+        heads={"fit": _move_in_time(tracks, recording)},
         recording=recording,
         measured=measured,
         speaker=speaker,
@@ -305,8 +306,15 @@ def _gather_fit(path: Path, tracks: ParameterTracks, sources: Sources) -> Materi
         labels=labels,
         phones=to_phones_of(labels, sources),
         sound=sound,
-        findings=_check(path, recording, labels, sound, layout, sources, tracks, rig),
     )
+    return _finish(material, sources, about_clock)
+
+
+def _move_in_time(tracks: ParameterTracks, recording: MarkerTracks | None) -> ParameterTracks:
+    """Return the parameters on the clock of the recording that they are of, frame by frame."""
+    if recording is None or recording.frames != tracks.frames:
+        return tracks
+    return tracks.replace(start_time=recording.start_time, rate=recording.rate)
 
 
 def _gather_layout(path: Path_, sources: Sources) -> Material:
@@ -355,36 +363,34 @@ def _gather_model(path: Path, sources: Sources) -> Material:
     )
 
 
-def _check(
-    path: Path,
-    recording: MarkerTracks | None,
-    labels: Labels | None,
-    sound: Sound | None,
-    layout: Layout | None,
-    sources: Sources,
-    parameters: ParameterTracks | None = None,
-    rig: Rig | None = None,
-) -> tuple[Finding, ...]:
-    from mocap_fit.labels import find_phone_tier
-    from mocap_fit.phones import load_phone_set
+def _put_on_one_clock(
+    path: Path, recording: MarkerTracks, sound: Sound | None
+) -> tuple[MarkerTracks, Sound | None, list[Finding] | None]:
+    """Return the recording on the clock of its sound, the sound without pulses, and findings.
 
-    phone_set = None if sources.phone_set is None else load_phone_set(sources.phone_set)
-    tier = None
-    if labels is not None:
-        try:
-            tier = find_phone_tier(labels, phone_set)
-        except DataError:
-            tier = None
-    files: Mapping[str, str] = {"markers": str(path)}
-    subject = Subject(
-        path.stem,
-        markers=recording,
-        parameters=parameters,
-        tier=tier,
-        sound=sound,
-        files=dict(files),
+    Findings are None where the sound has no pulses: the clocks are then taken as one.
+    """
+    if sound is None or sound.channels < 2:
+        return recording, sound, None
+    location = Location(str(path))
+    channel, findings = check_pulses(
+        sound, recording.rate, recording.frames, location, load_thresholds()
     )
-    context = Context(load_thresholds(), layout, rig, phone_set, options=sources.options)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MocapFitWarning)
-        return tuple(check_subject(subject, context)[0])
+    if channel is None:
+        return recording, sound, None
+    try:
+        recording, _ = synchronise(recording, sound, channel=channel)
+    except DataError as error:
+        findings.append(describe_failure(error, str(path)))
+    return recording, sound.drop_channel(channel), findings
+
+
+def _finish(material: Material, sources: Sources, about_clock: list[Finding] | None) -> Material:
+    """Return the material with what is wrong with it."""
+    findings = check_material(
+        material,
+        phone_set=None if sources.phone_set is None else load_phone_set(sources.phone_set),
+        on_one_clock=about_clock is not None,
+        options=sources.options,
+    )
+    return material.replace(findings=(*(about_clock or ()), *findings))

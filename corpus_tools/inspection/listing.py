@@ -128,10 +128,21 @@ def show_finding(window: Window, finding: Finding) -> None:
             wide = max(stop - start, 0.2)
             window.line.show(start - wide, end + wide)
             break
-    names = finding.location.item.replace(",", " ").split()
     stage = window.stage
-    stage.picked = next((name for name in names if name in stage.names), stage.picked)
+    words = finding.location.item.replace(",", " ").split()
+    window.named = tuple(word for word in words if word in stage.names)
+    stage.picked = next(iter(window.named), None)
+    if finding.code.startswith(("MF2", "MF309")) and window.line.selection is not None:
+        window.pick_phone(_find_phone(window, window.line.selection[0]))
     window.say(f"{finding.title}: {finding.found}. {finding.advice}")
+
+
+def _find_phone(window: Window, time: float) -> int | None:
+    """Return the index of the phone at a time, or about there."""
+    tier = window.material.tiers.get("phones")
+    entries = () if tier is None else tier.entries
+    inside = [k for k, label in enumerate(entries) if label.start <= time + 1e-3 < label.end]
+    return next(iter(inside), None)
 
 
 def _list_findings(window: Window) -> list[Item]:

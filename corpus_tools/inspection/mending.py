@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from corpus_tools.inspection.gather import gather_recording
 from corpus_tools.inspection.material import Material
 from corpus_tools.inspection.sources import Sources
@@ -52,6 +54,28 @@ class Mending:
         known = locate_edits(self.path, where)
         folder = self.path.parent if where is None else Path(where)
         return known or folder / f"{self.path.name}{EDITS_ENDING}"
+
+    def to_edit_times(self, start: float, end: float) -> tuple[float, float]:
+        """Return a stretch of time on the recording's clock, as its file is read.
+
+        Parameters
+        ----------
+        start, end
+            Its ends as they are shown, on the clock of the sound, seconds.
+
+        Returns
+        -------
+        tuple of float
+            Times halfway between frames, so that no rounding matters, seconds.
+        """
+        shown = self.material.recording
+        tracks = self.tracks if shown is None else shown
+        first, stop = (
+            int(np.ceil((time - tracks.start_time) * tracks.rate - 1e-3)) for time in (start, end)
+        )
+        frames = first, max(stop, first + 1)
+        one, other = (self.tracks.start_time + (n - 0.5) / self.tracks.rate for n in frames)
+        return round(one, 5), round(other, 5)
 
     def add(self, edit: Edit) -> Material:
         """Add an edit, if it can be applied.

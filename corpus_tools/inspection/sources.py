@@ -7,6 +7,7 @@ import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from corpus_tools.inspection.checking import REFERENCES
 from corpus_tools.inspection.material import Path_
 from corpus_tools.validation.reading import Files, group_files
 from mocap_fit.edits import EditList
@@ -21,9 +22,6 @@ from mocap_fit.labels.phone_labels import to_phones
 from mocap_fit.phones import PhoneSequence
 from mocap_fit.sound import Sound, read_sound
 from mocap_fit.tracks import MarkerTracks
-
-# Names of files that hold the reference pose of the recordings beside them.
-_REFERENCES = ("reference", "rest")
 
 
 @dataclass(frozen=True)
@@ -216,7 +214,7 @@ def _choose_reference(
         pose = tracks.between(chosen.start, chosen.end)
         end = pose.start_time + pose.duration
         return pose, f"reference pose: {name} from {pose.start_time:.2f} to {end:.2f} s, by an edit"
-    for name in _REFERENCES:
+    for name in REFERENCES:
         for beside in sorted(path.parent.glob(f"{name}{path.suffix}")):
             return read_reference(beside, sources.options.read_tracks)[0], ""
     named = match_names(layout, recording)

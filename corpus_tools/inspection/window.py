@@ -78,6 +78,7 @@ class Window:
         self.view: StageView = "front"
         self.with_names = material.recording is None and not material.heads
         self.message = ""
+        self.named: tuple[str, ...] = ()
         self.picked_phone: int | None = None
         self._leaves_unsaved = False
         self.material = material

@@ -12,9 +12,10 @@ from corpus_tools.validation.findings import Finding, Location
 from corpus_tools.validation.reading import describe_failure
 from corpus_tools.validation.subject import Context
 from mocap_fit.errors import MocapFitError
-from mocap_fit.fitting import find_layout, parse_reference, read_reference
+from mocap_fit.fitting import Layout, find_layout, parse_reference, read_reference
 from mocap_fit.fitting.marker_names import match_names
 from mocap_fit.fitting.reference_pose import find_reference_faults
+from mocap_fit.tracks import MarkerTracks
 
 _CODES = {"speaks": "MF128", "moves": "MF129", "worse": "MF130"}
 
@@ -71,9 +72,40 @@ def check_reference(source: str | os.PathLike[str], context: Context) -> Iterato
         pose, take = read_reference(source, context.options.read_tracks)
         path = parse_reference(source).path
         layout = context.layout or find_layout(take, [path.parent]).layout
-        pose, take = (match_names(layout, tracks, complete=True) for tracks in (pose, take))
-        for fault in find_reference_faults(layout, pose, take, path):
-            code = _CODES[fault.kind]
-            yield Finding(code, location, fault.problem, fault.expected, advice=fault.advice)
+        yield from check_pose(pose, take, layout, path, location)
     except MocapFitError as error:
         yield describe_failure(error, str(source))
+
+
+def check_pose(
+    pose: MarkerTracks, take: MarkerTracks, layout: Layout, path: Path, location: Location
+) -> Iterator[Finding]:
+    """Find what is wrong with a reference pose that is read.
+
+    Parameters
+    ----------
+    pose
+        The reference pose.
+    take
+        The recording that it is from.
+    layout
+        The marker layout.
+    path
+        The recording's file.
+    location
+        The location of the findings.
+
+    Yields
+    ------
+    Finding
+        What is wrong.
+
+    Raises
+    ------
+    MocapFitError
+        If markers of the layout are missing.
+    """
+    pose, take = (match_names(layout, tracks, complete=True) for tracks in (pose, take))
+    for fault in find_reference_faults(layout, pose, take, path):
+        code = _CODES[fault.kind]
+        yield Finding(code, location, fault.problem, fault.expected, advice=fault.advice)
