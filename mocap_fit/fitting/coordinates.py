@@ -7,12 +7,14 @@ the built-in head, a recording with its reference pose.
 
 from __future__ import annotations
 
+import functools
 import warnings
 from collections.abc import Sequence
 
 import numpy as np
 
 from mocap_fit.errors import ConfigurationError, DataError, MocapFitWarning
+from mocap_fit.face.mesh import Mesh
 from mocap_fit.fitting.layout import Layout
 from mocap_fit.head.alignment import (
     align_shapes,
@@ -281,10 +283,7 @@ def locate_expected(layout: Layout, names: Sequence[str]) -> FloatArray:
     ndarray
         Positions, ``(markers, 3)``, millimetres; NaN where the layout does not say.
     """
-    from mocap_fit.face.builtin import load_built_in_head
-
-    head = load_built_in_head()
-    normals = head.compute_normals()
+    head, normals = _load_head()
     locations = np.full((len(names), 3), np.nan)
     for marker in layout.markers:
         if marker.name not in names:
@@ -299,3 +298,12 @@ def locate_expected(layout: Layout, names: Sequence[str]) -> FloatArray:
                 continue
             locations[row] = head.vertices[vertex] + layout.marker_offset * normals[vertex]
     return locations
+
+
+@functools.cache
+def _load_head() -> tuple[Mesh, FloatArray]:
+    """Return the built-in head and its normals; every recording of a folder asks for them."""
+    from mocap_fit.face.builtin import load_built_in_head
+
+    head = load_built_in_head()
+    return head, head.compute_normals()

@@ -6,7 +6,7 @@ import os
 import tomllib
 import warnings
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,7 @@ _KNOWN_SHARE = 0.8
 # them, median: landmarks of video are at 0.17, exchanged names far above 1.
 _MISFIT = 0.35
 # Frames whose shape is compared.
-_SAMPLE = 200
+_SAMPLE = 50
 # Bytes; a larger file beside a recording is no layout.
 _LARGEST = 2_000_000
 
@@ -48,7 +48,7 @@ class LayoutMatch:
         Markers of the layout that the recording lacks.
     misfit
         How far the markers are from where the layout has them on the face, as a part of the
-        face's size, median; NaN where that cannot be compared.
+        face's size, median; NaN where that cannot be compared, or many markers are lacking.
     """
 
     layout: Layout
@@ -211,8 +211,11 @@ def _compare(tracks: MarkerTracks, layout: Layout, source: str) -> LayoutMatch |
     lacking = tuple(name for name in wanted if name not in known)
     if len(lacking) == len(wanted):
         return None
+    match = LayoutMatch(layout, source, lacking, np.nan)
+    if match.share < _KNOWN_SHARE:
+        return match
     there = [name for name in wanted if name in tracks.names]
-    return LayoutMatch(layout, source, lacking, _measure_misfit(tracks, layout, there))
+    return replace(match, misfit=_measure_misfit(tracks, layout, there))
 
 
 def _measure_misfit(tracks: MarkerTracks, layout: Layout, names: list[str]) -> float:
