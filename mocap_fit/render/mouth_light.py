@@ -38,7 +38,7 @@ class MouthLight:
         self._inside: IndexArray = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *inside]))
         if self._inside.size:
             self._upper, self._lower = find_lip_contours(mesh)
-            lips = mesh.get_region(_LIPS) if _LIPS in names else []
+            lips = mesh.regions.get(_LIPS, np.zeros(0, dtype=np.int64))
             self._on_lips = np.isin(self._inside, lips)[:, None]
 
     def compute(self, vertices: FloatArray) -> FloatArray:
