@@ -189,7 +189,6 @@ def _render(
         phones=shown.read_phones(),
         subtitles=True,
         curves=("jaw_rotation", "lip_rounding"),
-        blinks=True,
         jobs=min(2, count_cores()),
         progress=count_steps(progress, "drawing the talking heads", max(1, frames)),
     )
