@@ -176,10 +176,18 @@ def _inspect(
         str,
         Argument(
             metavar="PATH",
-            help="A recording, a fit, a corpus, CORPUS/tracks/ID.parquet, a model, or a layout.",
+            help="A recording, a fit, a corpus, CORPUS#ID, a model, or a layout.",
         ),
     ],
-    other: Annotated[str | None, Argument(metavar="PATH", help="What it is compared with.")] = None,
+    other: Annotated[
+        str | None,
+        Argument(metavar="PATH", help="What it is compared with: another, or a model."),
+    ] = None,
+    html: Annotated[Path | None, Option(help="A web page in one file, in its place.")] = None,
+    model: Annotated[
+        list[str] | None,
+        Option(metavar="FILE|NAME", help="A control model, shown beside; repeatable."),
+    ] = None,
     screenshot: Annotated[
         Path | None, Option(help="A PNG file of the window, in its place.")
     ] = None,
@@ -227,6 +235,8 @@ def _inspect(
         result = run(
             path,
             other,
+            html=html,
+            models=model or (),
             screenshot=screenshot,
             movie=movie,
             at=at,
@@ -244,7 +254,7 @@ def _inspect(
             edits=edits,
             utterance=utterance,
             **reading,
-            progress=lambda done, total: progress("drawing frames", done, total),
+            progress=progress,
         )
     if result.files:
         display.print_lines(*(f"written: {file}" for file in result.files))

@@ -51,8 +51,8 @@ def gather(path: Path_, sources: Sources | None = None) -> Material:
     Parameters
     ----------
     path
-        A recording, a fit, a corpus, the parameters of one of its utterances, a trained model, or
-        a marker layout: a file or the name of a shipped one.
+        A recording, a fit, a corpus, one of its utterances (``CORPUS#ID``, or its parameters), a
+        trained model, or a marker layout: a file or the name of a shipped one.
     sources
         What belongs to it and is not found beside it.
 
@@ -69,6 +69,9 @@ def gather(path: Path_, sources: Sources | None = None) -> Material:
     sources = sources or Sources()
     file = Path(path)
     folder = file.parent if file.name == DESCRIPTION_FILE else file
+    named, _, utterance = str(path).rpartition("#")
+    if named and (Path(named) / DESCRIPTION_FILE).is_file():
+        return gather_utterance(open_corpus(named), utterance)
     if (folder / DESCRIPTION_FILE).is_file():
         return gather_utterance(open_corpus(folder), sources.utterance)
     if file.parent.name == "tracks" and (file.parents[1] / DESCRIPTION_FILE).is_file():

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+import zipfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from corpus_tools.tasks import TaskProgress
 from mocap_fit.errors import DataError
 
 if TYPE_CHECKING:
@@ -46,6 +48,8 @@ def inspect(
     path: _Path,
     other: _Path | None = None,
     *,
+    html: _Path | None = None,
+    models: Sequence[str] = (),
     screenshot: _Path | None = None,
     movie: _Path | None = None,
     at: float | None = None,
@@ -66,9 +70,9 @@ def inspect(
     unit: str | None = None,
     subject: str | None = None,
     rename: Mapping[str, str] | None = None,
-    progress: Callable[[int, int], object] | None = None,
+    progress: TaskProgress | None = None,
 ) -> Inspection:
-    """Look at something in a window, or write pictures of that window.
+    """Look at something in a window, or write it as a web page or as pictures of that window.
 
     Parameters
     ----------
@@ -76,7 +80,12 @@ def inspect(
         A recording, a fit, a corpus, the parameters of one of its utterances, a trained model, or
         a marker layout: a file or the name of a shipped one.
     other
-        What it is compared with, such as another fit of the same recording.
+        What it is compared with, such as another fit of the same recording; of a control model
+        what it says of the phones, where these are known.
+    html
+        A web page in one file, in place of the window.
+    models
+        Files or names of control models, whose movements of the phones are shown too.
     screenshot
         A PNG file of the window, in place of the window.
     movie
@@ -119,7 +128,7 @@ def inspect(
     rename
         New names of markers by those in the files.
     progress
-        Called after each frame of a movie with the number that are done, and of all.
+        Called with a task, the number of its steps done, and of all.
 
     Returns
     -------
@@ -135,16 +144,17 @@ def inspect(
     """
     from corpus_tools.inspection.gather import gather
     from corpus_tools.inspection.sources import Sources
-    from corpus_tools.inspection.window import Window
+    from corpus_tools.inspection.web_page import predict_beside, write_material
     from mocap_fit.atomic_file import check_targets
     from mocap_fit.fitting.reference_pose import parse_reference
     from mocap_fit.io import ReadOptions
     from mocap_fit.render.pictures import save_picture
     from mocap_fit.render.scene import prepare_off_screen
 
-    wanted = [Path(each) for each in (screenshot, movie) if each is not None]
+    pictures = [Path(each) for each in (screenshot, movie) if each is not None]
+    wanted = [*pictures] if html is None else [Path(html), *pictures]
     pose = None if reference is None else parse_reference(reference).path
-    inputs = [path, other, pose, layout, face, recording, labels, sound, phone_set, edits]
+    inputs = [path, other, pose, layout, face, recording, labels, sound, phone_set, edits, *models]
     check_targets(wanted, [each for each in inputs if each is not None])
     sources = Sources(
         reference=reference,
@@ -158,25 +168,37 @@ def inspect(
         utterance=utterance,
         options=ReadOptions(rate, unit, subject, rename or {}),
     )
-    material = gather(path, sources)
-    compared = None if other is None else gather(other, sources)
-    if wanted:
+    material = predict_beside(gather(path, sources), models, progress)
+    compared = None
+    if other is not None and material.phones and zipfile.is_zipfile(other):
+        beside = predict_beside(material, [os.fspath(other)], progress).heads
+        label = list(beside)[-1]
+        compared = material.replace(title=label, heads={label: beside[label]})
+    elif other is not None:
+        compared = gather(other, sources)
+    if html is not None:
+        write_material(material, html, compared, progress)
+    if html is not None and not pictures:
+        return Inspection(material, compared, tuple(wanted))
+    if pictures:
         prepare_off_screen()
-    window = Window(material, compared, sources=sources, size=size, off_screen=bool(wanted))
+    from corpus_tools.inspection.window import Window
+
+    window = Window(material, compared, sources=sources, size=size, off_screen=bool(pictures))
     try:
         window.set_up(at=at, view=view, names=names, tab=tab)
         if screenshot is not None:
             save_picture(window.capture(), screenshot)
         if movie is not None:
             _write_movie(window, Path(movie), progress)
-        if not wanted:
+        if not pictures:
             window.show()
     finally:
         window.close()
     return Inspection(material, compared, tuple(wanted))
 
 
-def _write_movie(window: Window, path: Path, progress: Callable[[int, int], object] | None) -> None:
+def _write_movie(window: Window, path: Path, progress: TaskProgress | None) -> None:
     from mocap_fit.render.movie_file import MovieFile, cut_sound
 
     line, sound = window.line, window.material.sound
@@ -190,4 +212,4 @@ def _write_movie(window: Window, path: Path, progress: Callable[[int, int], obje
             window.draw()
             file.add(window.capture())
             if progress is not None:
-                progress(number + 1, count)
+                progress("drawing frames", number + 1, count)

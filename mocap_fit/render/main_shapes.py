@@ -147,20 +147,27 @@ def quantise(values: FloatArray | Single, bits: int = 16) -> Quantised:
 
 def _find_directions(rest: FloatArray, tolerance: float) -> FloatArray:
     """Return unit vectors, ``(vectors, coordinates)``, that leave no vertex farther than that."""
-    left = rest.copy()
+    # Most vertices of a head never move.
+    farthest = np.abs(rest).max(axis=0).reshape(-1, 3).max(axis=1)
+    moving = np.repeat(farthest > 1e-3 * tolerance, 3)
+    moved = rest[:, moving]
+    left = moved.copy()
     directions: list[FloatArray] = []
     # The eigenvectors of the small matrix of frames give those of the large one of coordinates.
-    _, sides = np.linalg.eigh(rest @ rest.T)
+    _, sides = np.linalg.eigh(moved @ moved.T)
     for side in sides.T[::-1]:
         if _measure(left) <= tolerance:
             break
-        direction = side @ rest
+        direction = side @ moved
         direction /= np.linalg.norm(direction)
         left -= np.outer(left @ direction, direction)
         directions.append(direction)
-    return np.stack(directions) if directions else np.zeros((0, rest.shape[1]))
+    vectors = np.zeros((len(directions), rest.shape[1]))
+    vectors[:, moving] = np.reshape(directions, (len(directions), left.shape[1]))
+    return vectors
 
 
 def _measure(left: FloatArray) -> float:
     """Return how far the farthest vertex of all frames is, of ``(frames, coordinates)``."""
-    return float(np.sqrt(np.square(left.reshape(len(left), -1, 3)).sum(axis=2).max()))
+    vectors = left.reshape(len(left), -1, 3)
+    return float(np.sqrt(np.einsum("fvi,fvi->fv", vectors, vectors).max(initial=0.0)))

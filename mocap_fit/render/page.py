@@ -35,7 +35,7 @@ from mocap_fit.render.movie import MAX_DURATION
 from mocap_fit.render.movie_file import cut_sound
 from mocap_fit.render.running_strip import select_moving
 from mocap_fit.render.sampling import sample_parameters
-from mocap_fit.render.scene import list_outside_triangles
+from mocap_fit.render.scene import find_fading, list_outside_triangles
 from mocap_fit.render.talking import deform_face
 from mocap_fit.sound import Sound, resample
 from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks, PoseTracks
@@ -121,6 +121,7 @@ def write_page(
     sound: Sound | None = None,
     phones: PhoneSequence | None = None,
     markers: Mapping[str, MarkerTracks] | None = None,
+    virtual: Mapping[str, MarkerTracks] | None = None,
     marks: Sequence[Mark] = (),
     extent: tuple[float, float] | None = None,
     blinks: bool = False,
@@ -149,8 +150,10 @@ def write_page(
         The phones of what is said; where the face has parameters of the tongue that the tracks
         lack, it moves by them.
     markers
-        Markers in the coordinates of the face by their labels, such as ``measured`` and
-        ``virtual``; those of one name are joined by a line between the first two.
+        Markers in the coordinates of the face by their labels, such as ``measured``.
+    virtual
+        Markers as each head has them, by the labels of the heads; a line joins each with the first
+        of the markers that has its name.
     marks
         What is marked in time.
     extent
@@ -182,11 +185,16 @@ def write_page(
     """
     if Path(path).suffix.lower() != ".html":
         raise FileFormatError("pages are written as HTML", path=path, expected="a name in .html")
-    points = dict(markers or {})
+    # What every head has, and what is of one head alone.
+    labels = list(heads)
+    points: list[tuple[str, int | None, MarkerTracks]]
+    points = [(label, None, each) for label, each in (markers or {}).items()]
+    points += [("virtual", labels.index(label), each) for label, each in (virtual or {}).items()]
     if rig is None and not points:
         raise DataError("there is neither a face nor a marker to show")
-    start, end = _find_extent([*heads.values(), *points.values()], sound, extent)
-    tracks = [*heads.values(), *points.values()]
+    tracks: list[ParameterTracks | MarkerTracks]
+    tracks = [*heads.values(), *(each for *_, each in points)]
+    start, end = _find_extent(tracks, sound, extent)
     rate = min(max((each.rate for each in tracks), default=_MAX_RATE), _MAX_RATE)
     # Frames of the page are those of the first track where they have one rate.
     first = start
@@ -211,7 +219,7 @@ def write_page(
         "tracks": [_to_track(label, head) for label, head in heads.items()],
         "sound": None if sound is None else _to_sound(sound),
     }
-    positions = {label: np.asarray(each.at(times)) for label, each in points.items()}
+    positions = [np.asarray(each.at(times)) for *_, each in points]
     movement: MainShapes | None = None
     if rig is not None:
         values = [sample_parameters(head, times, rig, phones) for head in heads.values()]
@@ -233,11 +241,12 @@ def write_page(
             "turns": _pack(life.turns, "float32"),
             "shifts": _pack(life.shifts, "float32"),
         }
-        for label, each in positions.items():
+        for index, each in enumerate(positions):
             moves = zip(each, life.turns, life.shifts, strict=True)
-            positions[label] = np.stack([lively.carry(*move) for move in moves])
+            positions[index] = np.stack([lively.carry(*move) for move in moves])
     record["markers"] = [
-        _to_markers(label, points[label].names, each) for label, each in positions.items()
+        {"label": label, "head": head, "names": marked.names, "positions": _pack_positions(each)}
+        for (label, head, marked), each in zip(points, positions, strict=True)
     ]
     write_text(path, _format_page(record), "page")
     return Page(
@@ -323,15 +332,10 @@ def _to_track(label: str, tracks: ParameterTracks) -> dict[str, Any]:
     }
 
 
-def _to_markers(label: str, names: Sequence[str], positions: FloatArray) -> dict[str, Any]:
+def _pack_positions(positions: FloatArray) -> dict[str, Any]:
     missing = np.isnan(positions)
     rounded = quantise(np.where(missing, 0.0, positions))
-    steps = np.where(missing, _GAP, rounded.steps).astype(np.int16)
-    return {
-        "label": label,
-        "names": names,
-        "positions": _pack(steps, "int16", rounded.scale),
-    }
+    return _pack(np.where(missing, _GAP, rounded.steps), "int16", rounded.scale)
 
 
 def _to_sound(sound: Sound) -> dict[str, Any]:
@@ -366,8 +370,11 @@ def _to_mesh(
     camera = frame_face(mesh)
     across = mesh.vertices[mesh.vertices[:, 1] > camera.target[1], 0]
     triangles, count = list_outside_triangles(mesh)
+    faded, share = find_fading(mesh)
+    fading = np.zeros(len(mesh.vertices))
+    fading[faded] = 255 * share[:, 0]
     return {
-        "looks": looks,
+        "looks": {**looks, "fading": _pack(np.rint(fading), "uint8")},
         # Those that are doubled, with the other side in front, come last.
         "surface": count,
         "triangles": _pack(triangles, "uint16" if len(mesh.vertices) < 65536 else "uint32"),

@@ -129,7 +129,7 @@ class FaceScene:
         plotter.render_window.SetFrameBlitModeToNoBlit()
         self._plotter = plotter
         self._lighting = Lighting(mesh)
-        self._fading = _find_fading(mesh)
+        self._fading = find_fading(mesh)
         self._face = Surface(plotter, mesh.vertices, list_outside_triangles(mesh)[0])
         self._balls = _Balls(plotter, marker_radius)
         camera = frame_face(mesh, view, zoom, centre)
@@ -412,8 +412,21 @@ def _reduce_by_half(pixels: NDArray[np.uint32]) -> NDArray[np.uint32]:
     return np.asarray((left | right) - (((left ^ right) & 0xFEFEFEFE) >> 1))
 
 
-def _find_fading(mesh: Mesh) -> tuple[IndexArray, FloatArray]:
-    """Return vertices of the lower edge of neck or shoulders, and how much of them has faded."""
+def find_fading(mesh: Mesh) -> tuple[IndexArray, FloatArray]:
+    """Find the lower edge of neck or shoulders, which fades into the background.
+
+    Parameters
+    ----------
+    mesh
+        The face.
+
+    Returns
+    -------
+    rows
+        Vertex indices, ``(members,)``.
+    share
+        How much of them has faded, ``(members, 1)``, 0 to 1.
+    """
     if "2.1" not in mesh.feature_points:
         return np.zeros(0, dtype=np.int64), np.zeros((0, 1))
     height = mesh.vertices[:, 1]

@@ -102,10 +102,11 @@ layout(location=0) in vec3 position;
 layout(location=1) in vec3 normal;
 layout(location=2) in vec3 reach;
 layout(location=3) in vec4 albedo;
-layout(location=4) in vec2 gloss;
+layout(location=4) in vec3 gloss;
 uniform mat4 camera;
 uniform vec3 light[9], light_on_skin[9];
-out vec3 colour, where, across, shine;
+out vec3 colour, where, across;
+out vec4 shine;
 void main() {
   vec3 n = normalize(normal);
   float terms[9] = float[9](1.0, n.x, n.y, n.z, n.x * n.y, n.y * n.z, n.x * n.z,
@@ -116,14 +117,15 @@ void main() {
   colour = albedo.rgb * lit * reach;
   where = position;
   across = n;
-  shine = vec3(gloss.x, gloss.y * 255.0, reach.g);
+  shine = vec4(gloss.x, gloss.y * 255.0, reach.g, gloss.z);
   gl_Position = camera * vec4(position, 1.0);
 }`;
 
 const FACE_FRAGMENT = `#version 300 es
 precision highp float;
-in vec3 colour, where, across, shine;
-uniform vec3 key, eye;
+in vec3 colour, where, across;
+in vec4 shine;
+uniform vec3 key, eye, background;
 uniform float strength;
 out vec4 pixel;
 void main() {
@@ -131,7 +133,8 @@ void main() {
   float bright = 0.0, along = dot(n, normalize(towards + key));
   if (along > 0.5 && dot(n, key) > 0.0)
     bright = strength * shine.x * sqrt(shine.y / 30.0) * pow(along, shine.y);
-  pixel = vec4(colour + bright * shine.z, 1.0);
+  // The lower edge fades into the background.
+  pixel = vec4(mix(colour + bright * shine.z, background, shine.w), 1.0);
 }`;
 
 const POINT_VERTEX = `#version 300 es
@@ -207,11 +210,10 @@ class HeadView {
   prepareFace(mesh) {
     const gl = this.gl, looks = mesh.looks, count = this.face.count;
     this.shader = this.build(FACE_VERTEX, FACE_FRAGMENT);
-    const albedo = new Uint8Array(4 * count), gloss = new Uint8Array(2 * count);
+    const albedo = new Uint8Array(4 * count), gloss = new Uint8Array(3 * count);
     for (let i = 0; i < count; i++) {
       albedo.set(looks.albedo.subarray(3 * i, 3 * i + 3), 4 * i);
-      gloss[2 * i] = looks.specular[i];
-      gloss[2 * i + 1] = looks.power[i];
+      gloss.set([looks.specular[i], looks.power[i], looks.fading[i]], 3 * i);
     }
     for (const i of looks.skin) albedo[4 * i + 3] = 255;
     this.array = gl.createVertexArray();
@@ -230,7 +232,7 @@ class HeadView {
       [add(2, 3, gl.FLOAT, this.face.reach), this.face.reach],
     ];
     add(3, 4, gl.UNSIGNED_BYTE, albedo);
-    add(4, 2, gl.UNSIGNED_BYTE, gloss);
+    add(4, 3, gl.UNSIGNED_BYTE, gloss);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, mesh.triangles, gl.STATIC_DRAW);
     gl.bindVertexArray(null);
@@ -298,10 +300,11 @@ class HeadView {
       (0.5 - 0.5 * (m[1] * x + m[5] * y + m[9] * z + m[13]) / w) * this.canvas.clientHeight, w];
   }
 
-  // Draw heads beside each other: numbers of tracks, a frame, sets of points, lines.
-  draw(heads, frame, frames, points, lines, background) {
+  // Draw heads beside each other: numbers of tracks, a frame, points and lines of each head.
+  draw(heads, frame, frames, marks, background) {
     const gl = this.gl;
     this.columns = heads.length;
+    this.background = background;
     this.resize();
     this.look();
     gl.clearColor(...background, 1);
@@ -312,6 +315,7 @@ class HeadView {
       const left = Math.round(column * this.canvas.width / heads.length);
       gl.viewport(left, 0, Math.round(this.canvas.width / heads.length), this.canvas.height);
       if (this.face) this.drawFace(head, frame, frames);
+      const { points, lines } = marks[column];
       if (lines.length) this.drawPoints(lines, gl.LINES);
       if (points.length) this.drawPoints(points, gl.POINTS);
     });
@@ -324,6 +328,7 @@ class HeadView {
     gl.useProgram(this.shader.program);
     gl.uniformMatrix4fv(this.shader.uniforms.camera, false, this.matrix);
     gl.uniform3fv(this.shader.uniforms.eye, this.eye);
+    gl.uniform3fv(this.shader.uniforms.background, this.background);
     gl.bindVertexArray(this.array);
     for (const [buffer, content] of this.moving) {
       gl.bindBuffer(gl.ARRAY_BUFFER, buffer);

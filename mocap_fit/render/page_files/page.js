@@ -94,11 +94,20 @@ class Page {
     const record = this.record, still = record.end <= record.start;
     get("notes").textContent = record.notes.join(" · ");
     get("time").hidden = still;
+    document.body.classList.toggle("still", still);
+    get("labels").checked = still;
     const several = record.tracks.length > 1;
     fillSelect(get("face"), record.tracks.map((track, i) => [i, track.label]), this.face);
     fillSelect(get("beside"), [[-1, "nothing"], ...record.tracks.map((track, i) => [i, track.label])], this.beside);
     get("chooser").hidden = get("second").hidden = !several;
     get("pointing").hidden = get("naming").hidden = !record.markers.length;
+    const kinds = [...new Set(record.markers.map((set) => set.label))].slice(0, 2);
+    kinds.forEach((kind, i) => {
+      const sign = document.createElement("b");
+      sign.textContent = i ? "○" : "●";
+      sign.style.color = `rgb(${POINT_COLOURS[i].map((part) => Math.round(255 * part)).join(" ")})`;
+      get("pointing").append(sign, kind);
+    });
     get("scrub").step = 1 / record.rate;
     get("scrub").max = record.end - record.start;
     for (const name of this.names) {
@@ -249,37 +258,36 @@ class Page {
     this.frame = clamp((time - record.first) * record.rate, 0, record.frames - 1);
     const background = getComputedStyle(get("view")).backgroundColor.match(/[\d.]+/g)
       .slice(0, 3).map((part) => part / 255);
-    const [points, lines] = get("points").checked ? this.listPoints() : [[], []];
-    this.view.draw(heads, this.frame, record.frames, points, lines, background);
-    this.drawNames(points, heads);
+    const shown = get("points").checked ? record.markers : [];
+    const marks = heads.map((head) => this.listPoints(
+      shown.filter((set) => set.head === null || set.head === head)));
+    this.view.draw(heads, this.frame, record.frames, marks, background);
+    this.drawNames(marks, heads);
   }
 
   // Markers at the frame, and lines between the first two sets, redder for longer ones.
-  listPoints() {
-    const sets = this.record.markers, frame = Math.round(this.frame);
-    const points = [], lines = [];
-    const at = sets.map(({ positions, names }) => names.map((name, k) => {
+  listPoints(sets) {
+    const frame = Math.round(this.frame), points = [], lines = [], first = new Map();
+    sets.forEach(({ names, positions, label }, number) => names.forEach((name, k) => {
       const i = 3 * (frame * names.length + k);
-      if (positions[i] === -32768) return null;
-      return [0, 1, 2].map((axis) => positions[i + axis] * positions.scale);
+      if (positions[i] === GAP) return;
+      const position = [0, 1, 2].map((axis) => positions[i + axis] * positions.scale);
+      const point = { position, name, set: label, ring: number ? 1 : 0 };
+      point.colour = POINT_COLOURS[point.ring];
+      points.push(point);
+      const other = first.get(name);
+      if (number === 0) first.set(name, point);
+      else if (other && number === 1) {
+        const distance = Math.hypot(...position.map((value, axis) => value - other.position[axis]));
+        const colour = [Math.min(0.3 + distance / 4, 1), Math.max(0.55 - distance / 6, 0.05), 0.15];
+        lines.push({ position, colour }, { position: other.position, colour });
+        point.distance = other.distance = distance;
+      }
     }));
-    sets.forEach((set, number) => set.names.forEach((name, k) => {
-      const position = at[number][k];
-      const ring = number ? 1 : 0;
-      if (position) points.push({ position, name, ring, set: set.label, colour: POINT_COLOURS[ring] });
-    }));
-    if (sets.length > 1) sets[0].names.forEach((name, k) => {
-      const other = at[1][sets[1].names.indexOf(name)];
-      if (!at[0][k] || !other) return;
-      const distance = Math.hypot(...at[0][k].map((value, axis) => value - other[axis]));
-      const colour = [Math.min(0.3 + distance / 4, 1), Math.max(0.55 - distance / 6, 0.05), 0.15];
-      lines.push({ position: at[0][k], colour }, { position: other, colour });
-      for (const point of points) if (point.name === name) point.distance = distance;
-    });
-    return [points, lines];
+    return { points, lines };
   }
 
-  drawNames(points, heads) {
+  drawNames(marks, heads) {
     const canvas = get("names"), ratio = window.devicePixelRatio || 1;
     const [width, height] = [canvas.clientWidth * ratio, canvas.clientHeight * ratio].map(Math.round);
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
@@ -295,7 +303,6 @@ class Page {
       span.append(label);
       return span;
     }));
-    if (!colour) return;
     const write = (point, column, text) => {
       const [x, y] = this.view.project(point.position, column);
       pen.font = `11px ${this.strip.font}`;
@@ -303,10 +310,9 @@ class Page {
       const left = Math.min(x + 6, canvas.clientWidth - pen.measureText(text).width - 6);
       this.strip.writeOn(pen, text, left, y, colour("ink"));
     };
-    const first = this.record.markers[0];
     if (get("labels").checked)
-      for (const point of points) if (point.set === first.label) write(point, 0, point.name);
-    const near = this.findPoint(points, heads.length);
+      for (const point of marks[0].points) if (!point.ring) write(point, 0, point.name);
+    const near = this.findPoint(marks);
     if (near) {
       const far = near.point.distance === undefined ? "" : `, ${near.point.distance.toFixed(2)} mm apart`;
       write(near.point, near.column, `${near.point.name} (${near.point.set}${far})`);
@@ -314,15 +320,14 @@ class Page {
   }
 
   // The marker under the mouse.
-  findPoint(points, columns) {
+  findPoint(marks) {
     if (!this.mouse) return null;
     let best = 10, nearest = null;
-    for (let column = 0; column < columns; column++)
-      for (const point of points) {
-        const [x, y] = this.view.project(point.position, column);
-        const far = Math.hypot(x - this.mouse[0], y - this.mouse[1]);
-        if (far < best) { best = far; nearest = { point, column }; }
-      }
+    marks.forEach(({ points }, column) => points.forEach((point) => {
+      const [x, y] = this.view.project(point.position, column);
+      const far = Math.hypot(x - this.mouse[0], y - this.mouse[1]);
+      if (far < best) { best = far; nearest = { point, column }; }
+    }));
     return nearest;
   }
 
@@ -494,6 +499,8 @@ class Page {
   }
 }
 
+// The code of a missing marker, and the colours of balls and rings.
+const GAP = -32768;
 const POINT_COLOURS = [[0.10, 0.45, 0.85], [0.95, 0.55, 0.10]];
 
 function fillSelect(select, options, chosen) {
@@ -522,7 +529,7 @@ function measurePoints(sets) {
   const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
   for (const { positions } of sets)
     for (let i = 0; i < positions.length; i++) {
-      if (positions[i] === -32768) continue;
+      if (positions[i] === GAP) continue;
       const value = positions[i] * positions.scale, axis = i % 3;
       low[axis] = Math.min(low[axis], value);
       high[axis] = Math.max(high[axis], value);

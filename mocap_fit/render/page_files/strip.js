@@ -78,10 +78,11 @@ class Strip {
   }
 
   draw() {
-    if (!this.width || !this.height) return;
-    const pen = this.prepare(this.canvas), style = getComputedStyle(document.body);
+    const style = getComputedStyle(document.body);
     this.colour = (name) => style.getPropertyValue(`--${name}`).trim();
     this.font = style.fontFamily || "sans-serif";
+    if (!this.width || !this.height) return;
+    const pen = this.prepare(this.canvas);
     pen.textBaseline = "middle";
     for (const panel of this.panels) {
       pen.save();
@@ -282,7 +283,7 @@ class Strip {
   // The moving part: the cursor, the selection, values at the cursor.
   drawCursor(now) {
     this.now = now;
-    if (!this.width || !this.colour) return;
+    if (!this.width) return;
     const pen = this.prepare(this.cursor), bottom = this.height - AXIS;
     if (this.selection) {
       const [left, right] = this.selection.map((time) => this.toX(time));
@@ -389,9 +390,15 @@ function findGaps(markers) {
   const gaps = [];
   if (!markers) return gaps;
   const { positions, names } = markers, frames = positions.length / names.length / 3;
+  const isMissing = (frame, row) => positions[3 * (frame * names.length + row)] === GAP;
+  // Before and after the recording nothing is missing.
+  const any = (frame) => names.some((_, row) => !isMissing(frame, row));
+  let start = 0, end = frames;
+  while (start < end && !any(start)) start++;
+  while (end > start && !any(end - 1)) end--;
   names.forEach((_, row) => {
-    for (let frame = 0, from = -1; frame <= frames; frame++) {
-      const missing = frame < frames && positions[3 * (frame * names.length + row)] === -32768;
+    for (let frame = start, from = -1; frame <= end; frame++) {
+      const missing = frame < end && isMissing(frame, row);
       if (missing && from < 0) from = frame;
       if (!missing && from >= 0) { gaps.push([row, from, frame]); from = -1; }
     }
