@@ -23,7 +23,8 @@ def test_points_are_projected_to_where_they_are_drawn(view):
         place = scene.project(tip[None])[0]
         changed = np.argwhere((scene.draw(markers=tip[None]) != plain).any(axis=2))
         # Rows are down and columns across; a pixel's centre is half a pixel from its corner.
-        drawn = changed.mean(axis=0)[::-1] + 0.5
+        # A hair elsewhere may change with the range of depths, which the ball widens.
+        drawn = np.median(changed, axis=0)[::-1] + 0.5
         assert np.abs(drawn - place).max() < 1.0
         middle = scene.project(centre[None])[0]
         np.testing.assert_allclose(middle, np.array(SIZE) / 2, atol=1e-6)
