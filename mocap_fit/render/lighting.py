@@ -226,6 +226,8 @@ def _read_materials(mesh: Mesh, sums: sparse.csr_array) -> tuple[Single, Single,
     around = (sums @ sums.T).astype(np.float32)
     for _ in range(_FADING):
         specular[skin] = (around @ specular / np.maximum(around.sum(axis=1), 1))[skin]
+    # What is dark, as nostrils are, lies too deep to shine.
+    specular[skin] *= np.clip(colours[skin].mean(axis=1) / 0.6, 0.0, 1.0) ** 2
     # Lips are moist, and wet inside.
     for name, strength, sharpness in (
         ("upper_lip", 0.22, 24.0),

@@ -179,6 +179,7 @@ def paint_skin(skin: Skin) -> FloatArray:
         colours[skin.kinds == kind] = colour
     _colour_lips(skin, colours)
     _colour_bag(skin, colours)
+    colours[_add_mirrored(skin, skin.nostril[0])] *= 0.75
     for depth, ring in enumerate(skin.nostril[1:]):
         colours[_add_mirrored(skin, ring)] = np.array(_NOSTRIL) * (0.8, 0.45, 0.25)[depth]
     _colour_lids(skin, colours)
