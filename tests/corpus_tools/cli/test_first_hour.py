@@ -64,6 +64,7 @@ def test_verbose_prints_tracebacks(capsys):
     assert DEBUG_VARIABLE not in os.environ
 
 
+@pytest.mark.slow
 def test_without_colours_there_is_no_escape_sequence(session):
     forced = {"FORCE_COLOR": "1", "TTY_COMPATIBLE": "1"}
     for call in (["info", session.recordings[0]], ["info", "--help"]):

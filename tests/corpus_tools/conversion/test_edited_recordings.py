@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 import corpus_tools
+from corpus_tools.conversion.entries import list_entries
+from corpus_tools.conversion.manifest import load_manifest
+from corpus_tools.conversion.plan import find_files
 from mocap_fit.corpus import open_corpus
 from mocap_fit.edits import (
     DropSpan,
@@ -114,14 +117,27 @@ class TestConvert:
         steps = [step.name for step in utterance.read_tracks().provenance]
         assert "edit" in steps
         assert "edit" in [step.name for step in converted.provenance]
-        # The others are as they were, and a list in another folder is taken where it is named.
+        # The others are as they were.
+        assert [row.name for row in second.results.values() if not row.cached] == [name]
+
+    def test_the_manifest_says_where_lists_are(self, lab, tmp_path):
+        folder = tmp_path / "lab"
+        shutil.copytree(lab, folder)
+        manifest = load_manifest(folder / "manifest.toml")
+        manifest = manifest.model_copy(update={"edits": "edits/{id}.toml"})
+        entries = list_entries(manifest, folder)
+        first, second, third = sorted((folder / "recordings").iterdir())
         (folder / "edits").mkdir()
-        write(recording, Mirror(), path=folder / "edits" / f"{name}.toml")
-        third = corpus_tools.convert(folder, out=out, edits="edits/{id}.toml")
-        again = [row for row in third.results.values() if not row.cached]
-        assert [row.name for row in again] == [name]
-        phones = next(u for u in open_corpus(out) if u.id == name).read_phones()
-        assert spoken.phone == next(s.phone for s in phones if abs(s.centre - spoken.centre) < 0.01)
+        write(first, Mirror(), path=folder / "edits" / f"{first.stem}.toml")
+        write(first, Rename(old="a", new="b"))
+        write(second, Mirror(axis="z"))
+        write(second, Mirror(), path=folder / "edits" / f"{third.stem}.toml")
+        items, refused = find_files(manifest, entries, folder)
+        edits = {item.name: item.edits for item in items}
+        assert edits[first.stem].edits == (Mirror(),)
+        assert edits[second.stem].edits == (Mirror(axis="z"),)
+        assert set(refused) == {third.stem}
+        assert "another recording" in refused[third.stem]
 
     def test_a_phone_that_is_not_in_the_set_is_refused(self, lab, tmp_path):
         folder = tmp_path / "lab"

@@ -7,6 +7,7 @@ import pytest
 
 import corpus_tools
 from corpus_tools.cli import app as cli
+from corpus_tools.inspection.descriptions import describe_folder
 from mocap_fit.edits import Mirror, start_edits, write_edits
 from mocap_fit.io import load_sample, read_tracks, write_tracks
 
@@ -70,7 +71,7 @@ def test_a_manifest_says_what_it_would_convert(lab, tmp_path):
 
 
 def test_a_folder_says_what_it_holds_and_what_it_is_for(lab, tmp_path):
-    content = describe(lab)
+    content = describe_folder(lab)
     assert content["content"] == "folder"
     assert (content["labels"], content["sound"], content["of_one_name"]) == (3, 3, 3)
     assert content["manifest"] == "manifest.toml"

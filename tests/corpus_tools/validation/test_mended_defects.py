@@ -82,6 +82,7 @@ def test_each_is_found_and_gone_when_it_is_mended(spoilt):
     assert find_codes(folder) & planted == set()
 
 
+@pytest.mark.slow
 def test_convert_takes_what_is_mended(spoilt, tmp_path):
     folder, edits = spoilt
     for path, mended in edits.items():
@@ -91,6 +92,7 @@ def test_convert_takes_what_is_mended(spoilt, tmp_path):
     assert max(row["residual_mm"] for row in report.to_dict()["utterances"]) < 0.8
 
 
+@pytest.mark.slow
 def test_boundaries_and_merged_phones_are_in_the_corpus(lab, tmp_path):
     folder = tmp_path / "lab"
     shutil.copytree(lab, folder, ignore=shutil.ignore_patterns("truth"))
