@@ -198,7 +198,8 @@ def _stream(
     """Read phones from stdin, write frames to stdout as soon as they are certain.
 
     One phone per line: START END PHONE [STRESS], or JSON with these keys. An empty line ends an
-    utterance. One frame per line, as JSON: time, and the parameters by name.
+    utterance. One frame per line, as JSON: time, and the parameters by name. Models that look
+    ahead a limited time are live (`mocap-fit info` says which); others wait for the empty line.
     """
     from corpus_tools.talking.stream import stream as run
 

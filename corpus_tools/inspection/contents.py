@@ -285,7 +285,7 @@ def _describe_recording(path: str | os.PathLike[str], options: ReadOptions) -> d
     if edits is not None:
         try:
             listed = load_edits(path)
-            names = ", ".join(edit.edit for edit in listed.edits) if listed else ""
+            names = "; ".join(listed.describe() if listed else ())
         except MocapFitError as error:
             warnings.warn(str(error), MocapFitWarning, stacklevel=2)
             names = "cannot be used"

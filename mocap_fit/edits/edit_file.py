@@ -20,6 +20,7 @@ from pathlib import Path
 
 from mocap_fit.atomic_file import write_text
 from mocap_fit.edits.edit_list import EditList
+from mocap_fit.errors import ConfigurationError
 from mocap_fit.plain_text import to_unicode
 from mocap_fit.settings_file import load_settings
 from mocap_fit.size_limit import sum_file
@@ -109,7 +110,16 @@ def load_edits(
     if path is None:
         return None
     result = read_edits(path)
-    result.check_sum(sum_file(recording), os.fspath(path))
+    digest = sum_file(recording)
+    if digest != result.sha256:
+        raise ConfigurationError(
+            "the edit list was made for another recording",
+            path=path,
+            found=f"{os.fspath(recording)} with the SHA-256 {digest}",
+            expected=f"{result.recording or 'a file'} with {result.sha256}",
+            advice="If the recording was exported again, look whether the edits still hold, and "
+            "put the new sum into the list; else remove the list.",
+        )
     return result
 
 

@@ -19,7 +19,7 @@ from mocap_fit.edits.marker_edits import (
     SetReference,
     Swap,
 )
-from mocap_fit.errors import ConfigurationError, DataError
+from mocap_fit.errors import DataError
 from mocap_fit.labels import Label, Labels, find_phone_tier
 from mocap_fit.phones import PhoneSet
 from mocap_fit.settings_file import StrictModel
@@ -92,6 +92,16 @@ class EditList(StrictModel):
         """SHA-256 over all that the list says, as hexadecimal digits."""
         return hashlib.sha256(self.model_dump_json().encode()).hexdigest()
 
+    def describe(self) -> list[str]:
+        """Return the edits in words.
+
+        Returns
+        -------
+        list of str
+            Such as ``swap: start 1 s, end 1.5 s, lip_upper, lip_lower``.
+        """
+        return [_describe(edit) for edit in self.edits]
+
     def add(self, *edits: Edit) -> EditList:
         """Return a list with more edits at its end.
 
@@ -106,31 +116,6 @@ class EditList(StrictModel):
             The longer list.
         """
         return self.model_copy(update={"edits": (*self.edits, *edits)})
-
-    def check_sum(self, sha256: str, path: str) -> None:
-        """Refuse a recording that the list was not made for.
-
-        Parameters
-        ----------
-        sha256
-            SHA-256 of the recording's file, hexadecimal digits.
-        path
-            The recording, for the message.
-
-        Raises
-        ------
-        ConfigurationError
-            If it is another one.
-        """
-        if sha256 != self.sha256:
-            raise ConfigurationError(
-                "the edit list was made for another recording",
-                path=path,
-                found=f"a file with the SHA-256 {sha256}",
-                expected=f"{self.recording or 'a file'} with {self.sha256}",
-                advice="If the recording was exported again, look whether the edits still hold, "
-                "and put the new sum into the list; else remove the list.",
-            )
 
     def to_dicts(self) -> list[dict[str, Any]]:
         """Return the edits as JSON and TOML can hold them.
@@ -215,6 +200,16 @@ class EditList(StrictModel):
     def _number(self, kind: Any) -> Iterator[tuple[int, Any]]:
         """Yield the edits of a kind with their numbers in the list, from 1."""
         return ((n, edit) for n, edit in enumerate(self.edits, 1) if isinstance(edit, kind))
+
+
+def _describe(edit: Edit) -> str:
+    parts = []
+    for name, value in edit.model_dump(exclude={"edit"}, exclude_none=True).items():
+        if isinstance(value, float):
+            parts.append(f"{name} {value:g} s")
+        elif value:
+            parts += [value] if isinstance(value, str) else value
+    return f"{edit.edit.replace('_', ' ')}: {', '.join(parts) or 'all'}"
 
 
 def _check_symbols(

@@ -213,7 +213,7 @@ class TestFiles:
         recording.write_bytes(b"after")
         with pytest.raises(ConfigurationError, match="another recording") as caught:
             load_edits(recording)
-        assert start_edits(recording).sha256 in str(caught.value)
+        assert f"{recording} with the SHA-256 {start_edits(recording).sha256}" in str(caught.value)
         assert caught.value.path.endswith("take.tsv.edits.toml")
 
     @pytest.mark.parametrize(
@@ -250,6 +250,20 @@ class TestFiles:
     def test_wrong_edits_in_python_are_refused(self):
         with pytest.raises(ValidationError, match="not after the start"):
             DropSpan(start=2, end=1)
+
+    def test_a_list_says_in_words_what_it_does(self):
+        edits = LIST.add(
+            Swap(markers=("a", "b"), start=1, end=2.5),
+            Mirror(),
+            DropSpan(),
+            MoveBoundary(time=1, to=2),
+        )
+        assert edits.describe() == [
+            "swap: start 1 s, end 2.5 s, a, b",
+            "mirror: x",
+            "drop span: all",
+            "move boundary: time 1 s, to 2 s",
+        ]
 
     def test_a_list_has_a_sum_of_its_content(self):
         assert LIST.digest == EditList(recording="take.tsv", sha256=NO_SUM).digest

@@ -172,5 +172,5 @@ class TestValidate:
 def test_info_says_that_there_is_a_list(takes):
     write(takes / "take.tsv", Mirror(), Rename(old="chin_mid", new="chin"))
     (content,) = (c for c in corpus_tools.info(takes / "take.tsv").contents)
-    assert content["edits"] == "take.tsv.edits.toml: mirror, rename"
+    assert content["edits"] == "take.tsv.edits.toml: mirror: x; rename: chin_mid, chin"
     assert json.dumps(content)
