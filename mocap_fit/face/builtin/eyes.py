@@ -65,7 +65,7 @@ def trace_lid_margin(angle: FloatArray, opening: float = 1.0) -> tuple[FloatArra
     angle
         Angles round the eye, ``(points,)``, radians: 0 at the outer corner, π/2 above.
     opening
-        Height of the opening between the lids, 1 for that of lids at ease.
+        Height of the opening between the lids, no unit: 1 is that of lids at ease.
 
     Returns
     -------

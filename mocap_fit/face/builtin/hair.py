@@ -61,11 +61,11 @@ def _find_hairline_levels() -> PchipInterpolator:
     path = np.array(HAIRLINE)
     levels = np.linspace(*skull.get_level_range(), 300)
     azimuths = np.minimum(path[:, 0] / 70, np.pi)
-    found_levels = []
+    line_levels = []
     for azimuth, height in zip(azimuths, path[:, 1], strict=True):
         heights = flesh.shape_skin(np.full(300, azimuth), levels)[:, 1]
-        found_levels.append(np.interp(height, np.maximum.accumulate(heights), levels))
-    return PchipInterpolator(azimuths, found_levels)
+        line_levels.append(np.interp(height, np.maximum.accumulate(heights), levels))
+    return PchipInterpolator(azimuths, line_levels)
 
 
 def measure_hair_depth(azimuth: FloatArray, level: FloatArray) -> FloatArray:
