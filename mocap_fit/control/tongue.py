@@ -29,7 +29,10 @@ TONGUE_PARAMETERS = (
 _TABLE = Path(__file__).with_name("rules") / "tongue.toml"
 _COLUMNS = (*TONGUE_PARAMETERS, "tip_from_palate", "body_from_palate")
 # By how many full gestures the shipped rig's jaw lowers tip and body when it opens fully.
-_TIP_FALL, _BODY_FALL = 1.4, 1.0
+_TIP_FALL, _BODY_FALL = 1.3, 1.0
+# How far the tip can come forwards behind teeth that are shut, and at which openings of the jaw
+# they are, and are no longer, in its way.
+_BEHIND_TEETH, _SHUT, _APART = 0.25, 0.02, 0.18
 
 
 def compute_tongue(
@@ -77,6 +80,9 @@ def compute_tongue(
     model = RuleBased(rules=str(_TABLE)).prepare(chosen, _COLUMNS)
     values = model.predict_at(normalise_phones(phones, chosen), at)
     opened = np.zeros(len(at)) if jaw is None else np.maximum(np.asarray(jaw, np.float64), 0.0)
+    # A tongue fits between the teeth only where they are apart.
+    apart = 1.0 if jaw is None else np.clip((np.asarray(jaw) - _SHUT) / (_APART - _SHUT), 0.0, 1.0)
+    values[:, 1] = np.minimum(values[:, 1], _BEHIND_TEETH + (2.0 - _BEHIND_TEETH) * apart)
     values[:, 0] += _TIP_FALL * opened * values[:, 5]
     values[:, 2] += _BODY_FALL * opened * values[:, 6]
     return values[:, :5]

@@ -52,7 +52,7 @@ def sample_parameters(
     values = np.zeros((len(times), len(names)))
     values[:, [names.index(name) for name in tracks.names]] = np.nan_to_num(tracks.at(times))
     missing = set(TONGUE_PARAMETERS) & set(names) - set(tracks.names)
-    if len(missing) == len(TONGUE_PARAMETERS) and phones is not None and _are_known(phones):
+    if len(missing) == len(TONGUE_PARAMETERS) and phones is not None and _has_known_phones(phones):
         jaw = values[:, names.index("jaw_rotation")] if "jaw_rotation" in names else None
         columns = [names.index(name) for name in TONGUE_PARAMETERS]
         values[:, columns] = compute_tongue(phones, times, jaw=jaw)
@@ -60,8 +60,8 @@ def sample_parameters(
     return np.asarray(np.clip(values, low, high))
 
 
-def _are_known(phones: PhoneSequence) -> bool:
-    """Return whether there are phones, all of a phone set that comes with the package."""
+def _has_known_phones(phones: PhoneSequence) -> bool:
+    """Return whether there are phones, all of a set that comes with the package."""
     known = bool(phones) and phones.phone_set in list_phone_sets()
     return known and not find_unknown_phones(phones, phones.phone_set)
 

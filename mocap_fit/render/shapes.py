@@ -2,7 +2,9 @@
 
 A rig rotates and scales; blending only adds. So every parameter gives the shape of its full
 gesture, and where that is not enough, corrective shapes are added, as animators do it: one for the
-middle of a gesture, one for two gestures at once.
+middle of a gesture, one for two gestures at once. Contact (`mocap_fit.face.contact`) is no sum
+either: what it changes over the movement is added as the few shapes that hold most of it
+(``contact_1`` and so on, by singular values).
 """
 
 from __future__ import annotations
@@ -11,6 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mocap_fit.face.contact import list_touching, resolve_contact
+from mocap_fit.face.mesh import IndexArray
 from mocap_fit.face.rig import Rig
 from mocap_fit.phones import PhoneSequence
 from mocap_fit.render.sampling import sample_frames
@@ -20,6 +24,8 @@ from mocap_fit.tracks import FloatArray, ParameterTracks
 _NOTICEABLE = 0.02
 # Frames at which the error is measured, at most.
 _CHECKED = 60
+# Shapes of contact: at most so many, from so many frames, until no vertex is so far off, mm.
+_CONTACT_SHAPES, _CONTACT_FRAMES, _CONTACT_ERROR = 20, 300, 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +35,8 @@ class BlendShapes:
     Parameters
     ----------
     names
-        Names of the shapes: that of a parameter, ``NAME_corrected``, or ``NAME_with_NAME``.
+        Names of the shapes: that of a parameter, ``NAME_corrected``, ``NAME_with_NAME``, or
+        ``contact_NUMBER``.
     shapes
         Displacements that each adds to the face at rest, ``(shapes, vertices, 3)``, millimetres.
     times
@@ -37,8 +44,8 @@ class BlendShapes:
     weights
         Weights, ``(frames, shapes)``, no unit.
     largest_error
-        Distance of the blended face from the rig's, at the worst vertex of the worst frame of
-        those that were checked, millimetres.
+        Distance of the blended face from the one that is drawn, at the worst vertex of the worst
+        frame of those that were checked, millimetres.
     """
 
     names: tuple[str, ...]
@@ -102,10 +109,49 @@ def compute_blend_shapes(
             both = rig.deform(axes[i] + axes[j]) - rest - full[i] - full[j]
             name = f"{rig.parameter_names[i]}_with_{rig.parameter_names[j]}"
             add_correction(name, both, values[:, i] * values[:, j])
+    for number, (shape, weight) in enumerate(_find_contact_shapes(rig, values, shapes, weights)):
+        names.append(f"contact_{number + 1}")
+        shapes.append(shape)
+        weights.append(weight)
     blended, blend = np.array(shapes), np.stack(weights, axis=1)
-    checked = np.linspace(0, len(times) - 1, min(len(times), _CHECKED)).round().astype(int)
-    error = max(
-        float(np.abs(rest + np.tensordot(blend[f], blended, 1) - rig.deform(values[f])).max())
-        for f in np.unique(checked)
-    )
+    checked = _spread_frames(len(times), _CHECKED)
+    error = max(float(np.abs(_find_rest(rig, values[f], blend[f], blended)).max()) for f in checked)
     return BlendShapes(tuple(names), blended, times, blend, error)
+
+
+def _spread_frames(frames: int, most: int) -> IndexArray:
+    return np.unique(np.linspace(0, frames - 1, min(frames, most)).round().astype(np.int64))
+
+
+def _find_rest(rig: Rig, values: FloatArray, weights: FloatArray, shapes: FloatArray) -> FloatArray:
+    """Return what a frame as it is drawn has beyond its shapes, ``(vertices, 3)``."""
+    drawn = resolve_contact(rig.deform(values), rig.mesh)
+    return np.asarray(drawn - rig.mesh.vertices - np.tensordot(weights, shapes, 1))
+
+
+def _find_contact_shapes(
+    rig: Rig, values: FloatArray, shapes: list[FloatArray], weights: list[FloatArray]
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Return the shapes of most of what contact changes, and their weights over time."""
+    touching = list_touching(rig.mesh)
+    if not touching.size:
+        return []
+    blended, blend = np.array(shapes), np.stack(weights, axis=1)
+
+    def find_change(frame: int) -> FloatArray:
+        return _find_rest(rig, values[frame], blend[frame], blended)[touching].ravel()
+
+    left = np.array([find_change(f) for f in _spread_frames(len(values), _CONTACT_FRAMES)])
+    _, _, directions = np.linalg.svd(left, full_matrices=False)
+    number = 0
+    while number < min(_CONTACT_SHAPES, len(directions)) and np.abs(left).max() > _CONTACT_ERROR:
+        left -= np.outer(left @ directions[number], directions[number])
+        number += 1
+    amounts = np.array([directions[:number] @ find_change(f) for f in range(len(values))])
+    result: list[tuple[FloatArray, FloatArray]] = []
+    for direction, amount in zip(directions[:number], amounts.T, strict=True):
+        shape = np.zeros_like(rig.mesh.vertices)
+        largest = float(np.abs(amount).max())
+        shape[touching] = largest * direction.reshape(-1, 3)
+        result.append((shape, amount / largest))
+    return result

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from mocap_fit.errors import DataError
+from mocap_fit.face.contact import resolve_contact
 from mocap_fit.face.rig import Rig
 from mocap_fit.processes import DeadProcess, run_in_processes
 from mocap_fit.render.framing import View
@@ -108,7 +109,7 @@ def deform_face(
     ndarray
         Positions, ``(vertices, 3)``, millimetres.
     """
-    vertices = rig.deform(values)
+    vertices = resolve_contact(rig.deform(values), rig.mesh)
     blink = float(life.blinks[number])
     return lively.move(vertices, blink, life.turns[number], life.shifts[number])
 

@@ -62,7 +62,7 @@ def build_gums(*, upper: bool) -> Piece:
     points[left[:, 0], 0] = points[left[-1], 0] = 0.0
     colours = _colour_sheet(arch, sheet).reshape(-1, 3)
     front = points[:, 2].max()
-    lid = np.array([[0.0, _LID[upper], front - 30.0]])
+    lid = np.array([[0.0, _LID[upper], front - 55.0]])
     vertices = np.concatenate([points, points[doubled.ravel()] * [-1, 1, 1], lid])
     colours = np.concatenate([colours, colours[doubled.ravel()], colours[:1]])
     grid = _triangulate_sheet(left)

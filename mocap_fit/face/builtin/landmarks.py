@@ -149,7 +149,7 @@ def find_tongue_points(piece: Piece) -> dict[str, int]:
     """
     columns = np.arange(TONGUE_COLUMNS)
     tip = TONGUE_ROWS * TONGUE_COLUMNS
-    row = TONGUE_ROWS // 2
+    row = 3 * TONGUE_ROWS // 5
     body = row * TONGUE_COLUMNS + columns
     top = body[TONGUE_COLUMNS // 4]
     border = 2 * TONGUE_COLUMNS + columns
