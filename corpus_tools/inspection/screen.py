@@ -76,7 +76,12 @@ class Screen:
         self.style: Any = vtkInteractorStyleTrackballCamera()
         self.style.SetDefaultRenderer(plotter.renderer)
         self.interactor.SetInteractorStyle(self.style)
-        plotter.show(auto_close=False, interactive=False, interactive_update=not off_screen)
+        plotter.show(
+            auto_close=False,
+            jupyter_backend="none",
+            interactive=False,
+            interactive_update=not off_screen,
+        )
 
     def put(
         self,

@@ -17,8 +17,11 @@ from corpus_tools.validation.findings import (
 from corpus_tools.validation.subject import Summary
 from corpus_tools.validation.thresholds import Thresholds
 
+# So many findings stand in the short form of a report.
+_SHOWN = 5
 
-@dataclass
+
+@dataclass(repr=False)
 class Report:
     """What was checked and what was found.
 
@@ -68,6 +71,14 @@ class Report:
             else:
                 ordered[location] = finding.replace(evidence=None)
         self.findings = ordered
+
+    def __repr__(self) -> str:
+        lines = [f"Report: {self.format_verdict()}"]
+        for finding in self.findings[:_SHOWN]:
+            lines.append(f"  {finding.code} {finding.location}: {finding.title}: {finding.found}")
+        if len(self.findings) > _SHOWN:
+            lines.append(f"  … and {len(self.findings) - _SHOWN} more")
+        return "\n".join(lines)
 
     @property
     def counts(self) -> dict[str, int]:

@@ -135,8 +135,9 @@ class FaceScene:
         camera = frame_face(mesh, view, zoom, centre)
         plotter.camera.focal_point, plotter.camera.position = camera.target, camera.position
         plotter.camera.up, plotter.camera.view_angle = (0.0, 1.0, 0.0), VIEW_ANGLE
-        # `show` sets the window up; it must come before the first picture, and only once.
-        plotter.show(auto_close=False)
+        # `show` sets the window up; it must come before the first picture, and only once. A
+        # notebook must not show it as well.
+        plotter.show(auto_close=False, jupyter_backend="none")
         self._pixels = vtkUnsignedCharArray()
 
     def draw(self, vertices: ArrayLike | None = None, *, markers: ArrayLike | None = None) -> Image:

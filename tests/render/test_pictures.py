@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from sheets import make_sheet
+from sheets import join_sheets, make_sheet
 
 from mocap_fit.errors import DataError, FileFormatError
 from mocap_fit.render import save_picture
@@ -75,3 +75,12 @@ def test_pictures_that_cannot_be_written_are_refused(tmp_path):
     with pytest.raises(FileFormatError, match="cannot be written"):
         save_picture(picture(0), tmp_path / "nowhere" / "a.png")
     assert not list(tmp_path.iterdir())
+
+
+def test_sheets_stand_beside_each_other_on_white():
+    tall, low = np.zeros((30, 20, 3), np.uint8), np.full((12, 8, 3), 7, np.uint8)
+    joined = join_sheets(tall, low)
+    assert joined.shape == (30, 28, 3)
+    assert (joined[:, :20] == 0).all()
+    assert (joined[:12, 20:] == 7).all()
+    assert (joined[12:, 20:] == 255).all()
