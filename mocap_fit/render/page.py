@@ -27,7 +27,7 @@ from mocap_fit.errors import DataError, FileFormatError
 from mocap_fit.face.mesh import Mesh
 from mocap_fit.face.rig import Rig
 from mocap_fit.phones import PhoneSequence
-from mocap_fit.render.framing import frame_face
+from mocap_fit.render.framing import DIRECTIONS, frame_face
 from mocap_fit.render.lighting import Lighting
 from mocap_fit.render.liveliness import LivelyFace, plan_liveliness
 from mocap_fit.render.main_shapes import MainShapes, MainShapesBuilder, Quantised, quantise
@@ -213,6 +213,7 @@ def write_page(
         "rate": rate,
         "frames": count,
         "colours": CYCLE,
+        "views": DIRECTIONS,
         "curves": list(select_moving(list(heads.values()), _CURVES)),
         "phones": [[p.start, p.end, p.phone, p.word] for p in phones or ()],
         "marks": [vars(mark) for mark in marks],

@@ -1,17 +1,20 @@
 """The web page in headless Chromium, from disk, without network."""
 
+import io
 import shutil
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 
 import mocap_fit as mf
 from mocap_fit.control.rule_based import RuleBased
-from mocap_fit.render import Mark, write_page
+from mocap_fit.render import FaceScene, Mark, write_page
 from mocap_fit.render.liveliness import LivelyFace, plan_liveliness
 from mocap_fit.render.sampling import sample_parameters
 from mocap_fit.render.talking import deform_face
 from mocap_fit.sound import Sound, read_sound
+from mocap_fit.tracks import MarkerTracks, ParameterTracks
 
 pytestmark = pytest.mark.slow
 SWIFTSHADER = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
@@ -115,12 +118,33 @@ def test_vertices_are_within_a_tenth_of_a_millimetre_of_the_rig(show, sounding, 
     assert life.blinks.max() == 1.0
     for number, head in enumerate(heads.values()):
         values = sample_parameters(head, times, rig, phones)
-        frames = {*range(0, len(times), 23), int(life.blinks.argmax()), int(values[:, 0].argmax())}
+        frames = {*range(0, len(times), 61), int(life.blinks.argmax()), int(values[:, 0].argmax())}
         for frame in frames:
             drawn = measure_vertices(page, number, frame)
             true = deform_face(rig, lively, values[frame], life, frame)
             assert np.linalg.norm(drawn - true, axis=1).max() < 0.1
     assert sounding.largest_error < 0.1
+    assert page.said == []
+
+
+@pytest.mark.parametrize(("view", "key"), [("front", "1"), ("three-quarter", "7"), ("side", "3")])
+def test_the_head_looks_as_in_a_movie(show, tmp_path, view, key):
+    rig = mf.load_face()
+    values = np.zeros((2, 10))
+    values[:, 0] = 0.4
+    tracks = ParameterTracks(rig.parameter_names, 60.0, values)
+    page = show(write_page(tmp_path / "look.html", rig, {"open": tracks}).path)
+    page.keyboard.press(key)
+    page.add_style_tag(content="#views, #captions, #names { display: none !important }")
+    page.wait_for_timeout(300)
+    picture = imread(io.BytesIO(page.locator("#view").screenshot()))
+    drawn = 255 * picture[..., :3]
+    with FaceScene(rig.mesh, view=view, size=drawn.shape[1::-1]) as scene:
+        movie = scene.draw(rig.deform(values[0])).astype(float)
+    # Rounded corners are not compared, nor are outlines, which are smoothed in two ways.
+    difference = np.abs(drawn - movie)[20:-20, 20:-20].max(axis=2)
+    assert np.median(difference) <= 2
+    assert (difference > 24).mean() < 0.02
     assert page.said == []
 
 
@@ -183,6 +207,34 @@ def test_a_loop_stays_in_its_selection_at_another_speed(show, sounding):
     )
     assert page.evaluate("page.clock.playing && page.clock.now() > 0.9")
     assert page.evaluate("page.clock.sound.playbackRate") == 2
+    assert page.said == []
+
+
+def test_markers_have_names_and_distances_under_the_mouse(show, tmp_path, heads):
+    places = [[0.0, -60.0, 110.0], [30.0, -20.0, 100.0]]
+    positions = np.tile(places, (len(heads["rules"].times), 1, 1))
+    positions[5:9, 1] = np.nan
+    markers = MarkerTracks(("chin", "cheek"), 60.0, positions)
+    virtual = {"rules": markers.select(["chin"]).replace(positions=positions[:, :1] + [0, 0, 3])}
+    one = {"rules": heads["rules"]}
+    write_page(
+        tmp_path / "m.html", mf.load_face(), one, markers={"measured": markers}, virtual=virtual
+    )
+    page = show(tmp_path / "m.html")
+    page.evaluate("page.seek(0.1)")
+    page.wait_for_function("page.frame > 5")
+    x, y, _ = page.evaluate("page.view.project([0, -60, 110], 0)")
+    page.evaluate(f"page.mouse = [{x}, {y}]")
+    shown = "page.listPoints(page.record.markers)"
+    assert page.evaluate(f"{shown}.points.map((p) => [p.name, p.ring])") == [
+        ["chin", 0],
+        ["chin", 1],
+    ]
+    assert page.evaluate(f"{shown}.lines.length") == 2
+    near = page.evaluate(f"page.findPoint([{shown}]).point")
+    assert near["name"] == "chin"
+    assert near["distance"] == pytest.approx(3.0, abs=0.02)
+    assert page.evaluate("findGaps(page.record.markers[0])") == [[1, 5, 9]]
     assert page.said == []
 
 

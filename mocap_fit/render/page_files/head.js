@@ -358,9 +358,10 @@ class HeadView {
     gl.drawArrays(kind, 0, points.length);
   }
 
-  setView(degrees) {
-    this.turn = degrees * Math.PI / 180;
-    this.lift = 0.02;
+  // A direction from the face to the camera.
+  setView([x, y, z]) {
+    this.turn = Math.atan2(x, z);
+    this.lift = Math.atan2(y, Math.hypot(x, z));
     this.shift = [0, 0];
     this.zoom = 1;
   }

@@ -441,7 +441,7 @@ class Page {
     on("beside", "change", () => { this.beside = Number(get("beside").value); this.showCurves(); this.request(); });
     for (const id of ["points", "labels"]) on(id, "change", () => this.request());
     for (const button of document.querySelectorAll("[data-view]"))
-      button.addEventListener("click", () => this.look(Number(button.dataset.view)));
+      button.addEventListener("click", () => this.look(button.dataset.view));
     on("zoom-in", "click", () => this.strip.zoom(0.5, this.clock.time));
     on("zoom-out", "click", () => this.strip.zoom(2, this.clock.time));
     on("zoom-all", "click", () => this.strip.setView(this.strip.start, this.strip.end));
@@ -459,8 +459,8 @@ class Page {
     });
   }
 
-  look(degrees) {
-    this.view.setView(degrees);
+  look(name) {
+    this.view.setView(this.record.views[name]);
     this.request();
   }
 
@@ -484,7 +484,7 @@ class Page {
       l: () => this.setLoop(!this.loop),
       i: () => this.strip.zoom(0.5, this.clock.time), o: () => this.strip.zoom(2, this.clock.time),
       n: () => this.zoomToSelection(), a: () => this.strip.setView(this.strip.start, this.strip.end),
-      1: () => this.look(0), 7: () => this.look(40), 3: () => this.look(90),
+      1: () => this.look("front"), 7: () => this.look("three-quarter"), 3: () => this.look("side"),
     };
     // Without a selection, and on controls, Tab goes to the next control as everywhere.
     if (event.key === "Tab") {

@@ -266,17 +266,26 @@ class Strip {
     pen.setLineDash([]);
   }
 
+  // What is known of the uncertainty: one standard deviation on either side.
   drawBand(pen, curve, toY, colour) {
     const [first, last] = this.findVisible(curve), { rate, start } = curve.track;
+    const step = Math.max(1, Math.floor((last - first) / this.width));
+    let band = [];
+    const fill = () => {
+      pen.beginPath();
+      band.forEach(([x, value, half]) => pen.lineTo(x, toY(value + half)));
+      band.reverse().forEach(([x, value, half]) => pen.lineTo(x, toY(value - half)));
+      pen.fill();
+      band = [];
+    };
     pen.fillStyle = colour;
     pen.globalAlpha = 0.18;
-    for (let frame = first; frame <= last; frame++) {
+    for (let frame = first; frame <= last; frame += step) {
       const half = curve.deviation(frame), value = curve.at(frame);
-      if (!Number.isFinite(half + value)) continue;
-      const left = this.toX(start + (frame - 0.5) / rate), right = this.toX(start + (frame + 0.5) / rate);
-      const top = toY(value + half);
-      pen.fillRect(left, top, right - left + 0.3, toY(value - half) - top);
+      if (Number.isFinite(half + value)) band.push([this.toX(start + frame / rate), value, half]);
+      else fill();
     }
+    fill();
     pen.globalAlpha = 1;
   }
 

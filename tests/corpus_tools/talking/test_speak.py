@@ -191,6 +191,16 @@ class TestLabelsAndTracks:
         assert lips["largest_speed"] <= 350
         assert report["sound"] is True
 
+    def test_measured_tracks_and_a_model_on_a_page(self, tmp_path, labels, tracks, capsys):
+        page = tmp_path / "said.html"
+        arguments = ["--tracks", tracks, "--labels", labels, "--audio", tmp_path / "said.wav"]
+        assert run("speak", *arguments, "--model", "rule-based", "--out", page, "--json") == 0
+        report = json.loads(capsys.readouterr().out)
+        assert [head["head"] for head in report["heads"]] == ["measured", "Rule-based"]
+        assert (report["rate"], report["size"], report["sound"]) == (60.0, None, True)
+        assert report["lips"]["Rule-based"]["bilabials"][0]["closed"]
+        assert "data-view" in page.read_text(encoding="utf-8")
+
     def test_measured_tracks_alone_and_beside_a_model(self, tmp_path, labels, tracks, capsys):
         assert run("speak", "--tracks", tracks, "--out", tmp_path / "a", "--size", 64) == 0
         assert len(list((tmp_path / "a").iterdir())) == 20
