@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import glob
 import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -105,7 +106,7 @@ def find_layout_of(recording: MarkerTracks, path: Path, sources: Sources) -> Lay
 
 
 def find_beside(path: Path) -> Files:
-    """Find the files of the same name beside a recording.
+    """Find the files of the same name beside a recording, or in folders beside its own.
 
     Parameters
     ----------
@@ -117,9 +118,17 @@ def find_beside(path: Path) -> Files:
     Files
         Recordings, labels and sounds.
     """
-    known = [each for each in path.parent.glob(f"{path.stem}.*") if each.is_file()]
-    groups, _ = group_files(known)
-    return next((files for files in groups if files.name == path.stem), Files(path.stem))
+    name = glob.escape(path.stem)
+    patterns = (path.parent, f"{name}.*"), (path.parent.parent, f"*/{name}.*")
+    result = Files(path.stem)
+    for folder, pattern in patterns:
+        present = [each for each in folder.glob(pattern) if each.is_file()]
+        groups, _ = group_files(present)
+        for files in groups:
+            if files.name == path.stem:
+                result.labels = result.labels or files.labels
+                result.sounds = result.sounds or files.sounds
+    return result
 
 
 def find_source(path: Path, name: str, sources: Sources) -> Path | None:
@@ -214,9 +223,11 @@ def _choose_reference(
         pose = tracks.between(chosen.start, chosen.end)
         end = pose.start_time + pose.duration
         return pose, f"reference pose: {name} from {pose.start_time:.2f} to {end:.2f} s, by an edit"
-    for name in REFERENCES:
-        for beside in sorted(path.parent.glob(f"{name}{path.suffix}")):
-            return read_reference(beside, sources.options.read_tracks)[0], ""
+    for folder in (path.parent, path.parent.parent):
+        for name in REFERENCES:
+            beside = folder / f"{name}{path.suffix}"
+            if beside.is_file():
+                return read_reference(beside, sources.options.read_tracks)[0], ""
     named = match_names(layout, recording)
     span = suggest_reference(named, layout)
     note = (
