@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 import zipfile
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -138,46 +137,40 @@ def gather_recording(
         and former.edits.reference == edits.reference
         and recording.equals(former.recording)
     ):
-        speaker, heads, measured = former.speaker, former.heads, former.measured
-        notes = former.notes
+        material = former
     else:
-        speaker, reasons = find_speaker(path, recording, layout, sources, edits)
-        heads, measured, notes = _fit(recording, speaker, reasons)
-    rig = None if speaker is None else speaker.binding.rig
-    material = Material(
-        title=path.name,
-        path=path,
-        notes=notes,
-        rig=rig,
-        heads=heads,
-        recording=recording,
-        measured=measured,
-        speaker=speaker,
+        speaker, notes = find_speaker(path, recording, layout, sources, edits)
+        material = _fit(Material(path.name, path, notes, recording=recording, speaker=speaker))
+    material = material.replace(
         layout=layout,
         labels=labels,
         phones=to_phones_of(labels, sources),
         sound=sound,
         edits=edits,
+        unedited=tracks,
     )
     return _finish(material, sources, about_clock)
 
 
-def _fit(
-    recording: MarkerTracks, speaker: Speaker | None, reasons: tuple[str, ...]
-) -> tuple[Mapping[str, ParameterTracks], MarkerTracks | None, tuple[str, ...]]:
-    """Return the fit of a recording, its markers on the face, or why there are none."""
-    if speaker is None:
-        return {}, None, reasons
+def _fit(material: Material) -> Material:
+    """Return a recording with its fit and its markers on the face, or with why there are none."""
+    speaker, recording, notes = material.speaker, material.recording, material.notes
+    if speaker is None or recording is None:
+        return material
+    material = material.replace(rig=speaker.binding.rig)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", MocapFitWarning)
             still, _ = speaker.remove_head_motion(speaker.prepare(recording))
-            measured = bring_to_face(still, speaker)
+            material = material.replace(measured=bring_to_face(still, speaker))
             if recording.frames > _MOST_FITTED:
-                return {}, measured, (*reasons, "not fitted, because it is long: fit it first")
-            return {"fit": speaker.fit_shape(still).parameters}, measured, reasons
+                return material.replace(notes=(*notes, "not fitted, because it is long: fit it"))
+            fit = speaker.fit_shape(still)
+            return material.replace(
+                heads={"fit": fit.parameters}, marker_residuals=fit.marker_residuals
+            )
     except MocapFitError as error:
-        return {}, None, (*reasons, f"not fitted: {error.problem}")
+        return material.replace(notes=(*notes, f"not fitted: {error.problem}"))
 
 
 def gather_utterance(corpus: Corpus, name: str | None = None) -> Material:
@@ -389,11 +382,39 @@ def _put_on_one_clock(
 
 
 def _finish(material: Material, sources: Sources, about_clock: list[Finding] | None) -> Material:
-    """Return the material with what is wrong with it."""
+    """Return the material with what is wrong with it, unless that takes long."""
+    recording = material.recording
+    material = material.replace(
+        findings=tuple(about_clock or ()),
+        is_checked=False,
+        is_on_one_clock=about_clock is not None,
+    )
+    if recording is not None and recording.frames > _MOST_FITTED:
+        return material
+    return check(material, sources)
+
+
+def check(material: Material, sources: Sources) -> Material:
+    """Check what is shown, if that was not done.
+
+    Parameters
+    ----------
+    material
+        What is shown.
+    sources
+        What belongs to it.
+
+    Returns
+    -------
+    Material
+        With all findings.
+    """
+    if material.is_checked:
+        return material
     findings = check_material(
         material,
         phone_set=None if sources.phone_set is None else load_phone_set(sources.phone_set),
-        on_one_clock=about_clock is not None,
+        on_one_clock=material.is_on_one_clock,
         options=sources.options,
     )
-    return material.replace(findings=(*(about_clock or ()), *findings))
+    return material.replace(findings=(*material.findings, *findings), is_checked=True)

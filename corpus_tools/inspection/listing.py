@@ -37,7 +37,7 @@ def list_tabs(window: Window) -> dict[str, str]:
     if material.utterances:
         tabs["utterances"] = str(len(material.utterances))
     if material.tracks and (material.recording is not None or material.findings):
-        tabs["findings"] = str(len(material.findings))
+        tabs["findings"] = str(len(material.findings)) if material.is_checked else "?"
     if material.rig is not None:
         tabs["parameters"] = ""
     if window.stage.names:
@@ -66,7 +66,7 @@ def choose_tab(window: Window) -> str:
     """
     tabs = list_tabs(window)
     first = next(iter(tabs))
-    return "parameters" if tabs[first] == "0" and "parameters" in tabs else first
+    return "parameters" if tabs[first] in ("0", "?") and "parameters" in tabs else first
 
 
 def fill_panel(window: Window) -> None:
@@ -261,9 +261,9 @@ def _list_edits(window: Window) -> list[Item]:
     for number, edit in enumerate(window.mending.edits.edits, 1):
         text, detail = format_edit(edit)
         items.append(Item(f"{number}  {text}", detail, edit))
-    saved = "saved in" if window.mending.is_saved else "not saved yet:"
-    where = f"Ctrl+Z undoes, Ctrl+Y redoes, Ctrl+S saves; {saved} {window.mending.file.name}"
-    return [*items, Item("edits change no recording: they are a list beside it", where)]
+    name = window.mending.file.name
+    saved = f"saved in {name}" if window.mending.is_saved else f"Ctrl+S saves {name}"
+    return [*items, Item("edits are a list beside the recording, which stays as it is", saved)]
 
 
 def _list_keys(window: Window) -> list[Item]:
@@ -324,9 +324,8 @@ def paint_status(window: Window, width: int, height: int) -> NDArray[np.uint8]:
         The picture, ``(height, width, 3)``.
     """
     canvas, line = Canvas(width, height, SHADE), window.line
-    frame = round((line.cursor - line.first) * line.rate)
     moves = bool(window.material.tracks)
-    text = f"{line.cursor:.3f} s   frame {frame}" if moves else window.material.title
+    text = f"{line.cursor:.3f} s   frame {line.frame}" if moves else window.material.title
     if line.selection is not None:
         start, end = line.selection
         text += f"   selected {start:.3f} to {end:.3f} s ({end - start:.3f} s)"

@@ -23,6 +23,8 @@ from mocap_fit.sound import Sound
 from mocap_fit.tracks import FloatArray, MarkerTracks, ParameterTracks
 from mocap_fit.utterance import Utterance
 
+# Frames in which a marker is computed on the face at most, where the fit does not say it.
+_MOST_TRACED = 300
 Path_ = str | os.PathLike[str]
 
 
@@ -46,6 +48,9 @@ class Material:
         The markers in the recording's coordinates, with all edits; None without.
     measured
         The markers in the coordinates of the face; None where they are not known.
+    marker_residuals
+        Distance of each marker of the speaker's binding from where the face has it,
+        ``(frames, face markers)``, millimetres of the speaker; None where that is not known yet.
     speaker
         Ties the markers to the face; None where it is not known.
     layout
@@ -58,10 +63,16 @@ class Material:
         Sound, which begins at 0 s; None without.
     findings
         What `validate` says.
+    is_checked
+        Whether it was asked: long recordings are checked when their findings are looked at.
+    is_on_one_clock
+        Whether pulses say that recording and sound have one clock.
     utterances
         All utterances of the corpus that it is one of.
     edits
         What was mended; None for what cannot be mended.
+    unedited
+        The recording as it was read; None for what cannot be mended.
     """
 
     title: str
@@ -71,14 +82,18 @@ class Material:
     heads: Mapping[str, ParameterTracks] = field(default_factory=dict)
     recording: MarkerTracks | None = None
     measured: MarkerTracks | None = None
+    marker_residuals: FloatArray | None = None
     speaker: Speaker | None = None
     layout: Layout | None = None
     labels: Labels | None = None
     phones: PhoneSequence | None = None
     sound: Sound | None = None
     findings: tuple[Finding, ...] = ()
+    is_checked: bool = True
+    is_on_one_clock: bool = False
     utterances: tuple[Utterance, ...] = ()
     edits: EditList | None = None
+    unedited: MarkerTracks | None = None
 
     @property
     def tracks(self) -> tuple[MarkerTracks | ParameterTracks, ...]:
@@ -138,6 +153,36 @@ class Material:
 
         values = sample_parameters(self.heads[label], times, self.rig)
         return np.array([self.speaker.binding.evaluate(each)[0] for each in values])
+
+    def trace_residual(self, name: str) -> tuple[FloatArray, FloatArray] | None:
+        """Trace how far a marker is from where the face has it.
+
+        Parameters
+        ----------
+        name
+            The marker.
+
+        Returns
+        -------
+        times : ndarray
+            Times at a constant rate, ``(times,)``, seconds.
+        residuals : ndarray
+            Distances, ``(times,)``, millimetres of the speaker; None without a face.
+        """
+        measured, speaker = self.measured, self.speaker
+        if speaker is None or measured is None or name not in speaker.binding.names:
+            return None
+        index = speaker.binding.names.index(name)
+        if self.marker_residuals is not None:
+            return measured.times, self.marker_residuals[:, index]
+        label = next(iter(self.heads), "")
+        step = max(measured.frames // _MOST_TRACED, 1)
+        virtual = self.compute_virtual(label, measured.times[::step])
+        if virtual is None:
+            return None
+        apart = measured[name][::step] - virtual[:, index]
+        scale = speaker.binding.orientation.scale
+        return measured.times[::step], np.linalg.norm(apart, axis=1) / scale
 
     def replace(self, **changes: object) -> Material:
         """Return a copy with some fields changed.

@@ -163,7 +163,6 @@ def start_mending(material: Material, sources: Sources) -> Mending | None:
     Mending or None
         None for what is no recording.
     """
-    if material.edits is None:
+    if material.edits is None or material.unedited is None:
         return None
-    tracks = sources.options.read_tracks(material.path)
-    return Mending(material.path, tracks, material.edits, sources, material)
+    return Mending(material.path, material.unedited, material.edits, sources, material)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -101,15 +102,15 @@ class Stage:
             order = {name: k for k, name in enumerate(speaker.binding.names)}
             self._of_binding = np.array([order[name] for name in self.bound_names], dtype=int)
             self._of_names = np.array([self.names.index(n) for n in self.bound_names], dtype=int)
-        self._raw: MarkerTracks | None = None
-        if material.measured is not None and material.recording is not None:
-            self._raw = self._bring_recording_near(material.measured, material.recording)
         self.region_colours: dict[str, tuple[int, int, int]] = {}
         self._regions = self._colour_regions() if self._is_layout else None
 
-    @staticmethod
-    def _bring_recording_near(measured: MarkerTracks, raw: MarkerTracks) -> MarkerTracks | None:
-        """Return the recording with its motion, where its middle frame is where the face is."""
+    @cached_property
+    def _raw(self) -> MarkerTracks | None:
+        """The recording with its motion, where its middle frame is where the face is."""
+        measured, raw = self.material.measured, self.material.recording
+        if measured is None or raw is None:
+            return None
         names = [name for name in measured.names if name in raw.names]
         still = measured.positions[:, measured.indices(names)]
         moving = raw.positions[:, raw.indices(names)]

@@ -14,7 +14,7 @@ from corpus_tools.inspection.material import Material, list_marks
 from corpus_tools.inspection.time_line import TimeLine
 from corpus_tools.validation.findings import Finding
 from mocap_fit.render.running_strip import select_moving
-from mocap_fit.tracks import ParameterTracks
+from mocap_fit.tracks import Origin, ParameterTracks
 
 LEFT = 164
 """Pixels left of the time line, for names."""
@@ -31,6 +31,8 @@ _HEIGHTS = {
     "difference": 30,
     "residual": 32,
     "gaps": 44,
+    "marker": 40,
+    "distance": 32,
     "findings": 18,
     "overview": 16,
 }
@@ -88,6 +90,8 @@ class Strip:
         self.parameters = (*moving, *(n for n in dict.fromkeys(names) if n not in moving))
         self.first_parameter = 0
         self.picked: int | None = None
+        self._marker: str | None = None
+        self.marker_curves: dict[str, Curve] = {}
         self.rows: list[Row] = []
 
     def _list_kinds(self) -> list[tuple[str, str]]:
@@ -101,11 +105,38 @@ class Strip:
             kinds.append(("difference", "difference"))
         if self.residuals:
             kinds.append(("residual", "residual"))
+        if self.marker_curves:
+            kinds.append(("marker", str(self._marker)))
+        if "residual" in self.marker_curves:
+            kinds.append(("distance", "its residual"))
         if material.recording is not None:
             kinds.append(("gaps", "gaps"))
         if self.marks:
             kinds.append(("findings", "findings"))
         return [*kinds, ("overview", "")]
+
+    def trace_marker(self, name: str | None) -> None:
+        """Show where a marker is over time, and its residual.
+
+        Parameters
+        ----------
+        name
+            The marker; None for none.
+        """
+        if name == self._marker:
+            return
+        self._marker, self.marker_curves = name, {}
+        tracks = self.material.measured or self.material.recording
+        if name is None or tracks is None or name not in tracks.names:
+            return
+        away = tracks[name] - np.nanmedian(tracks[name], axis=0)
+        for axis, values in zip("xyz", away.T, strict=True):
+            self.marker_curves[axis] = Curve(tracks.start_time, tracks.rate, values)
+        traced = self.material.trace_residual(name)
+        if traced is not None and len(traced[0]) > 1:
+            times, residuals = traced
+            rate = 1.0 / (times[1] - times[0])
+            self.marker_curves["residual"] = Curve(times[0], rate, residuals)
 
     def arrange(self, height: int) -> None:
         """Arrange as many rows as there is height for; parameters are left out first.
@@ -149,6 +180,18 @@ class Strip:
             for name, head in self.heads.items()
             if np.isfinite(head.residuals).any()
         }
+
+    @cached_property
+    def gap_sums(self) -> dict[Origin, NDArray[np.int32]]:
+        """How many samples before each frame are missing or filled, ``(frames + 1, markers)``."""
+        recording = self.material.recording
+        assert recording is not None
+        sums = {}
+        for origin in (Origin.MISSING, Origin.FILLED):
+            total = np.zeros((recording.frames + 1, len(recording.names)), dtype=np.int32)
+            np.cumsum(recording.origin == origin, axis=0, out=total[1:])
+            sums[origin] = total
+        return sums
 
     @cached_property
     def difference(self) -> Curve | None:

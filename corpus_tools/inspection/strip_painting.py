@@ -189,12 +189,34 @@ class _Painter:
         for colour, curve in zip(HEAD_COLOURS, self._strip.residuals.values(), strict=False):
             self._draw_curve(row, curve.reduce(self._edges), limits, colour)
 
+    def _paint_marker(self, row: Row) -> None:
+        """Paint how far the marker is from its median, along each axis."""
+        self._name(row, row.name)
+        curves = {axis: self._strip.marker_curves[axis] for axis in "xyz"}
+        known = np.concatenate([curve.values for curve in curves.values()])
+        known = known[np.isfinite(known)]
+        high = max(float(np.quantile(np.abs(known), 0.999)), 1.0) if len(known) else 1.0
+        self._write_limits(row, f"{-high:.0f}", f"{high:.0f} mm")
+        for number, (colour, (axis, curve)) in enumerate(
+            zip(HEAD_COLOURS, curves.items(), strict=False)
+        ):
+            self._draw_curve(row, curve.reduce(self._edges), (-high, high), colour)
+            self._canvas.write(LEFT + 6 + 10 * number, row.top + 8, axis, colour, 10)
+
+    def _paint_distance(self, row: Row) -> None:
+        self._name(row, row.name)
+        curve = self._strip.marker_curves["residual"]
+        known = curve.values[np.isfinite(curve.values)]
+        high = max(1.1 * float(np.quantile(known, 0.999)), 0.5) if len(known) else 0.5
+        self._write_limits(row, "0", f"{high:.1f} mm")
+        self._draw_curve(row, curve.reduce(self._edges), (0.0, high), ORANGE)
+
     def _paint_gaps(self, row: Row) -> None:
         """Paint a line for each marker: red where it is missing, orange where it was filled."""
         recording = self._strip.material.recording
         assert recording is not None
-        missing = ~recording.visible
-        share = 100 * float(missing.mean()) if missing.size else 0.0
+        missing = self._strip.gap_sums[Origin.MISSING][-1]
+        share = 100 * float(missing.sum()) / max(recording.origin.size, 1)
         self._name(row, f"gaps: {share:.1f} %")
         count, tall = len(recording.names), row.bottom - row.top - 3
         positions = (self._edges - recording.start_time) * recording.rate
@@ -204,16 +226,15 @@ class _Painter:
         inside = np.flatnonzero((positions[1:] > 0) & (first < recording.frames))
         if not inside.size:
             return
-        sums = {}
-        for origin in (Origin.MISSING, Origin.FILLED):
-            total = np.zeros((recording.frames + 1, count), dtype=np.int32)
-            np.cumsum(recording.origin == origin, axis=0, out=total[1:])
-            sums[origin] = (total[last[inside]] > total[first[inside]]).T
+        hit = {
+            origin: (total[last[inside]] > total[first[inside]]).T
+            for origin, total in self._strip.gap_sums.items()
+        }
         lines = np.minimum(np.arange(tall) * count // max(tall, 1), count - 1)
         part = self._canvas.pixels[row.top + 1 : row.top + 1 + tall, LEFT:][:, inside]
         part[:] = (236, 239, 243)
         for origin, colour in ((Origin.FILLED, ORANGE), (Origin.MISSING, RED)):
-            part[sums[origin][lines]] = colour
+            part[hit[origin][lines]] = colour
         self._canvas.pixels[row.top + 1 : row.top + 1 + tall, LEFT + inside] = part
 
     def _paint_findings(self, row: Row) -> None:

@@ -20,6 +20,8 @@ class TimeLine:
         Start and end of what there is, seconds.
     rate
         Frames a second, hertz.
+    origin
+        Time of frame 0, seconds.
     loops
         Whether it plays again and again.
     speed
@@ -29,6 +31,7 @@ class TimeLine:
     first: float
     last: float
     rate: float
+    origin: float = 0.0
     loops: bool = False
     speed: float = 1.0
 
@@ -43,6 +46,11 @@ class TimeLine:
     def is_playing(self) -> bool:
         """Whether it plays."""
         return self._range is not None
+
+    @property
+    def frame(self) -> int:
+        """The frame that is nearest to the cursor, from 0."""
+        return round((self.cursor - self.origin) * self.rate)
 
     @property
     def span(self) -> float:
@@ -70,8 +78,7 @@ class TimeLine:
         frames
             How many; below 0 backwards.
         """
-        number = round((self.cursor - self.first) * self.rate) + frames
-        self.move_cursor(self.first + number / self.rate)
+        self.move_cursor(self.origin + (self.frame + frames) / self.rate)
 
     def select(self, one: float, other: float) -> None:
         """Select a stretch of time, and put the cursor at its start.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from corpus_tools.inspection import editing, listing
-from corpus_tools.inspection.gather import gather_utterance
+from corpus_tools.inspection.gather import check, gather_utterance
 from corpus_tools.inspection.material import Material
 from corpus_tools.inspection.mending import start_mending
 from corpus_tools.inspection.mouse import Mouse
@@ -35,8 +35,7 @@ _PANEL = 400
 class Window:
     """A window on some material, interactive or off screen.
 
-    Everything a person does reaches it as an event of VTK; `press`, `pick` and `drag` send such
-    events from a program.
+    What a person does reaches it as events of VTK, which `press`, `pick` and `drag` send too.
 
     Parameters
     ----------
@@ -107,7 +106,9 @@ class Window:
     def _set_time(self) -> None:
         """Begin with all of the time, and the sound."""
         shown = [self.material] if self.other is None else [self.material, self.other]
-        self.line = TimeLine(*combine_extent(shown), self.material.rate)
+        tracks = self.material.tracks
+        origin = tracks[0].start_time if tracks else 0.0
+        self.line = TimeLine(*combine_extent(shown), self.material.rate, origin)
         self.player = SoundPlayer(self.material.sound)
 
     def _set_material(self, material: Material) -> None:
@@ -170,7 +171,9 @@ class Window:
         if not height:
             return
         line = self.line
-        key = (line.start, line.end, self.strip.picked, self.strip.first_parameter)
+        self.strip.trace_marker(self.stage.picked)
+        shown = self.stage.picked, self.strip.picked, self.strip.first_parameter
+        key = (line.start, line.end, *shown)
         self._screen.put("strip", area, key, lambda *size: self.strip.paint(line, *size))
         tall = height - (self.strip.rows[-1].bottom - self.strip.rows[-1].top)
         low = bottom + height - tall
@@ -487,6 +490,8 @@ class Window:
             Its name.
         """
         self.panel.tab, self.panel.scroll, self.panel.chosen = name, 0, -1
+        if name == "findings" and not self.material.is_checked:
+            self._set_material(check(self.material, self.sources))
 
     def pick_phone(self, index: int | None) -> None:
         """Pick a phone.

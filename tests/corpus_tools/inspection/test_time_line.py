@@ -42,6 +42,9 @@ def test_steps_are_frames(line):
     assert line.cursor == pytest.approx(1.04)
     line.step(-3)
     assert line.cursor == 1.0
+    later = TimeLine(0.0, 10.0, 50.0, 0.011)
+    later.step(1)
+    assert later.cursor == pytest.approx(0.011)
 
 
 def test_the_cursor_turns_the_page(line):
