@@ -204,6 +204,10 @@ def _inspect(
         str | None,
         Option(help="findings, utterances, parameters, markers, edits or keys."),
     ] = None,
+    suggest_reference: Annotated[
+        bool,
+        Option("--suggest-reference", help="Find the stillest part with closed lips, and end."),
+    ] = False,
     reference: Annotated[
         Path | None, Option(help="The reference pose; rest.* or reference.* beside the recording.")
     ] = None,
@@ -244,6 +248,7 @@ def _inspect(
             size=pixels,
             names=names,
             tab=tab,
+            suggest_reference=suggest_reference,
             reference=reference,
             layout=layout,
             face=face,
@@ -255,6 +260,12 @@ def _inspect(
             utterance=utterance,
             **reading,
             progress=progress,
+        )
+    if result.suggestion is not None:
+        span = result.suggestion
+        display.print_lines(
+            f"--reference {path}@{span.start:.3f}-{span.end:.3f}",
+            f"frames lie within {span.residual:.2f} mm of each other, head motion removed",
         )
     if result.files:
         display.print_lines(*(f"written: {file}" for file in result.files))

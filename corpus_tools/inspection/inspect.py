@@ -15,6 +15,7 @@ from mocap_fit.errors import DataError
 if TYPE_CHECKING:
     from corpus_tools.inspection.material import Material
     from corpus_tools.inspection.window import Window
+    from mocap_fit.fitting.reference_pose import ReferenceSpan
 
 _Path = str | os.PathLike[str]
 # Frames a second of a movie.
@@ -33,11 +34,14 @@ class Inspection:
         What it was compared with; None without.
     files
         Files that were written.
+    suggestion
+        The best reference pose in the recording; None where it was not asked for.
     """
 
     material: Material
     other: Material | None
     files: tuple[Path, ...]
+    suggestion: ReferenceSpan | None = None
 
     def __repr__(self) -> str:
         files = ", ".join(map(str, self.files)) or "no file"
@@ -57,6 +61,7 @@ def inspect(
     size: tuple[int, int] = (1280, 800),
     names: bool = False,
     tab: str | None = None,
+    suggest_reference: bool = False,
     reference: _Path | None = None,
     layout: str | None = None,
     face: str | None = None,
@@ -101,6 +106,8 @@ def inspect(
     tab
         The list that is shown: ``findings``, ``utterances``, ``parameters``, ``markers``,
         ``edits`` or ``keys``.
+    suggest_reference
+        Whether the stillest span with closed lips is searched in place of the window.
     reference
         The recording of the reference pose; found beside the recording by default.
     layout
@@ -169,6 +176,8 @@ def inspect(
         options=ReadOptions(rate, unit, subject, rename or {}),
     )
     material = predict_beside(gather(path, sources), models, progress)
+    if suggest_reference:
+        return Inspection(material, None, (), _suggest(material))
     compared = None
     if other is not None and material.phones and zipfile.is_zipfile(other):
         beside = predict_beside(material, [os.fspath(other)], progress).heads
@@ -196,6 +205,21 @@ def inspect(
     finally:
         window.close()
     return Inspection(material, compared, tuple(wanted))
+
+
+def _suggest(material: Material) -> ReferenceSpan:
+    from mocap_fit.fitting import suggest_reference
+    from mocap_fit.fitting.marker_names import match_names
+
+    # Spans are on the recording's clock, as its file is read.
+    recording, layout = material.unedited, material.layout
+    if recording is None or layout is None:
+        raise DataError(
+            f"there is no reference pose to search for in {material.title}",
+            expected="a recording whose layout is known",
+            advice="Give the layout with --layout.",
+        )
+    return suggest_reference(match_names(layout, recording), layout)
 
 
 def _write_movie(window: Window, path: Path, progress: TaskProgress | None) -> None:

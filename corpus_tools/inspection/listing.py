@@ -325,7 +325,7 @@ def paint_status(window: Window, width: int, height: int) -> NDArray[np.uint8]:
     """
     canvas, line = Canvas(width, height, SHADE), window.line
     moves = bool(window.material.tracks)
-    text = f"{line.cursor:.3f} s   frame {line.frame}" if moves else window.material.title
+    text = f"{line.cursor:.3f} s   frame {line.nearest_frame}" if moves else window.material.title
     if line.selection is not None:
         start, end = line.selection
         text += f"   selected {start:.3f} to {end:.3f} s ({end - start:.3f} s)"

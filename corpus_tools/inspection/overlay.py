@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,10 +23,11 @@ from corpus_tools.inspection.paint import (
     draw_text,
     fit_text,
 )
+from corpus_tools.inspection.screen import Area, Screen
 from corpus_tools.inspection.stage import Stage
+from corpus_tools.inspection.strip import HEAD_COLOURS
 from mocap_fit.tracks import FloatArray
 
-STAGE_PAPER: Colour = (232, 236, 241)
 _LEADER: Colour = (96, 104, 116)
 _FEATURE: Colour = (120, 40, 90)
 _LINE = 13
@@ -97,21 +100,8 @@ class Overlay(Canvas):
         return np.dstack([self.pixels, np.rint(255 * self.alpha).astype(np.uint8)])
 
 
-def paint_names(stage: Stage, size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Paint the names of all markers, and of the feature points of a layout.
-
-    Parameters
-    ----------
-    stage
-        The stage, at some time.
-    size
-        Its width and height, pixels.
-
-    Returns
-    -------
-    ndarray
-        Red, green, blue and alpha, ``(height, width, 4)``.
-    """
+def _paint_names(stage: Stage, size: tuple[int, int]) -> NDArray[np.uint8]:
+    """Paint the names of all markers, and of the feature points of a layout."""
     canvas = Overlay(*size)
     features = stage.list_feature_points()
     layout = stage.material.layout
@@ -135,46 +125,75 @@ def paint_names(stage: Stage, size: tuple[int, int]) -> NDArray[np.uint8]:
     return canvas.to_picture()
 
 
-def paint_title(title: str, notes: tuple[str, ...], width: int) -> NDArray[np.uint8]:
-    """Paint the title and the first notes.
+@dataclass(frozen=True)
+class Words:
+    """What is written over the stage.
 
     Parameters
     ----------
     title
         The title.
     notes
-        Lines below it.
-    width
-        Width of the stage, pixels.
-
-    Returns
-    -------
-    ndarray
-        Red, green, blue and alpha, ``(height, width, 4)``.
+        Lines below it, of which two are shown.
+    heads
+        Names of the heads, in the order of their colours; of one nothing is said.
+    with_names
+        Whether every marker has its name.
     """
-    canvas = Overlay(width, 28 + 15 * min(len(notes), 2))
-    rest = width - 2 * _MARGIN
-    canvas.put(_MARGIN, 14, fit_text(title, rest, 14, True), INK, 14, True)
-    for number, note in enumerate(notes[:2]):
-        canvas.put(_MARGIN, 32 + 15 * number, fit_text(note, rest, 11), FAINT, 11, False)
-    return canvas.to_picture()
+
+    title: str
+    notes: tuple[str, ...]
+    heads: tuple[str, ...]
+    with_names: bool
+
+    @property
+    def height(self) -> int:
+        """Height of title, notes and names of heads, pixels."""
+        return 28 + 15 * min(len(self.notes), 2) + (16 if len(self.heads) > 1 else 0)
 
 
-def paint_legend(stage: Stage, width: int) -> NDArray[np.uint8]:
-    """Paint what the markers' colours and shapes are.
+def put_words(screen: Screen, stage: Stage, area: Area, words: Words) -> None:
+    """Write title, legend and names over the stage.
 
     Parameters
     ----------
+    screen
+        The window of VTK.
     stage
-        The stage.
-    width
-        Its width, pixels.
-
-    Returns
-    -------
-    ndarray
-        Red, green, blue and alpha, ``(height, width, 4)``.
+        The stage, at some time.
+    area
+        Where it is.
+    words
+        What is written.
     """
+    left, bottom, width, height = area
+    top = (left, bottom + height - words.height, width, words.height)
+    screen.put("title", top, words, lambda *_: _paint_title(words, width))
+    low = (left, bottom, width, 22)
+    screen.put("legend", low, stage.stretch, lambda *_: _paint_legend(stage, width))
+    if words.with_names:
+        screen.put("names", area, None, lambda *size: _paint_names(stage, size))
+    else:
+        screen.hide("names")
+
+
+def _paint_title(words: Words, width: int) -> NDArray[np.uint8]:
+    canvas = Overlay(width, words.height)
+    rest = width - 2 * _MARGIN
+    canvas.put(_MARGIN, 14, fit_text(words.title, rest, 14, True), INK, 14, True)
+    for number, note in enumerate(words.notes[:2]):
+        canvas.put(_MARGIN, 32 + 15 * number, fit_text(note, rest, 11), FAINT, 11, False)
+    x = float(_MARGIN)
+    for number, (colour, name) in enumerate(zip(HEAD_COLOURS, words.heads, strict=False)):
+        if len(words.heads) > 1:
+            text = name + (" (left)", " (right)", "")[min(number, 2)]
+            canvas.put(x, canvas.height - 9, text, colour, 11, True)
+            x += draw_text(text, 11, True).shape[1] + 16
+    return canvas.to_picture()
+
+
+def _paint_legend(stage: Stage, width: int) -> NDArray[np.uint8]:
+    """Paint what the markers' colours and shapes are."""
     canvas = Overlay(width, 22)
     entries: list[tuple[str, Colour, bool]] = []
     if stage.has_frames:

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from corpus_tools.inspection.overlay import STAGE_PAPER
-from corpus_tools.inspection.paint import BLUE, RED
+from corpus_tools.inspection.paint import BLUE, RED, Colour
 from corpus_tools.inspection.plates import Block, Plate
 from mocap_fit.errors import MissingExtraError
 from mocap_fit.render.scene import require_off_screen
@@ -19,6 +18,7 @@ from mocap_fit.render.scene import require_off_screen
 Area = tuple[int, int, int, int]
 """Left, bottom, width and height, pixels from the lower left corner of the window."""
 
+_STAGE_PAPER: Colour = (232, 236, 241)
 # Milliseconds between looks at the clock.
 _TICK = 15
 
@@ -53,9 +53,10 @@ class Screen:
             off_screen=off_screen,
             window_size=list(size),
             lighting="none",
+            notebook=False,
             title="mocap-fit inspect",
         )
-        plotter.set_background([each / 255 for each in STAGE_PAPER])
+        plotter.set_background([each / 255 for each in _STAGE_PAPER])
         plotter.render_window.SetMultiSamples(0)
         flat: Any = vtkRenderer()
         flat.SetLayer(1)

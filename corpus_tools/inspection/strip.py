@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from corpus_tools.inspection.curves import Curve
 from corpus_tools.inspection.material import Material, list_marks
+from corpus_tools.inspection.paint import BLUE, RED, Colour
 from corpus_tools.inspection.time_line import TimeLine
 from corpus_tools.validation.findings import Finding
 from mocap_fit.render.running_strip import select_moving
@@ -39,6 +40,9 @@ _HEIGHTS = {
 _LEAST_PARAMETER = 24
 # Parameters that move most come first.
 _MOVING = 5
+HEAD_COLOURS: tuple[Colour, ...] = (BLUE, RED, (40, 140, 80), (140, 80, 170))
+"""Colours of heads, in order."""
+
 # Pixels: a boundary or a mark is hit that far away.
 _REACH = 5
 
@@ -78,12 +82,10 @@ class Strip:
         self.material, self.other = material, other
         self.heads: dict[str, ParameterTracks] = dict(material.heads)
         if other is not None:
-            same = set(other.heads) & set(self.heads)
-            if same:
-                self.heads = {f"A {name}": each for name, each in material.heads.items()}
-                self.heads |= {f"B {name}": each for name, each in other.heads.items()}
-            else:
-                self.heads |= other.heads
+            self.heads = {name_head(material, name): h for name, h in material.heads.items()}
+            for name, head in other.heads.items():
+                label = name_head(other, name)
+                self.heads[f"{label}, other" if label in self.heads else label] = head
         self.marks = list_marks(material.findings, material.rate)
         names = [name for head in self.heads.values() for name in head.names]
         moving = select_moving(list(self.heads.values()), _MOVING) if names else ()
@@ -196,7 +198,7 @@ class Strip:
     @cached_property
     def difference(self) -> Curve | None:
         """Root mean square difference of the first two heads, full gestures."""
-        if self.other is None or len(self.heads) < 2:
+        if len(self.heads) < 2:
             return None
         one, other = list(self.heads.values())[:2]
         names = [name for name in one.names if name in other.names]
@@ -371,6 +373,24 @@ class Strip:
 
         self.arrange(height)
         return paint_rows(self, line, width, height)
+
+
+def name_head(material: Material, label: str) -> str:
+    """Name a head that is compared with that of other material.
+
+    Parameters
+    ----------
+    material
+        What it belongs to.
+    label
+        Its label there.
+
+    Returns
+    -------
+    str
+        The title of the material, with the label where it has several heads.
+    """
+    return material.title if len(material.heads) == 1 else f"{material.title}: {label}"
 
 
 def combine_extent(materials: Sequence[Material]) -> tuple[float, float]:

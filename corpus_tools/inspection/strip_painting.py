@@ -18,14 +18,12 @@ from corpus_tools.inspection.paint import (
     Colour,
     fit_text,
 )
-from corpus_tools.inspection.strip import LEFT, RIGHT, Row, Strip
+from corpus_tools.inspection.strip import HEAD_COLOURS, LEFT, RIGHT, Row, Strip
 from corpus_tools.inspection.time_line import TimeLine
 from corpus_tools.validation.findings import Severity
 from mocap_fit.labels import Label
 from mocap_fit.tracks import FloatArray, Origin
 
-# Colours of heads, in order.
-HEAD_COLOURS: tuple[Colour, ...] = (BLUE, RED, (40, 140, 80), (140, 80, 170))
 SEVERITY_COLOURS = {Severity.ERROR: RED, Severity.WARNING: ORANGE, Severity.NOTE: BLUE}
 _STEPS = np.array([0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 30, 60, 300])
 

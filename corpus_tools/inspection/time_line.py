@@ -48,7 +48,7 @@ class TimeLine:
         return self._range is not None
 
     @property
-    def frame(self) -> int:
+    def nearest_frame(self) -> int:
         """The frame that is nearest to the cursor, from 0."""
         return round((self.cursor - self.origin) * self.rate)
 
@@ -78,7 +78,7 @@ class TimeLine:
         frames
             How many; below 0 backwards.
         """
-        self.move_cursor(self.origin + (self.frame + frames) / self.rate)
+        self.move_cursor(self.origin + (self.nearest_frame + frames) / self.rate)
 
     def select(self, one: float, other: float) -> None:
         """Select a stretch of time, and put the cursor at its start.

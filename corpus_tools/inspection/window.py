@@ -14,7 +14,7 @@ from corpus_tools.inspection.gather import check, gather_utterance
 from corpus_tools.inspection.material import Material
 from corpus_tools.inspection.mending import start_mending
 from corpus_tools.inspection.mouse import Mouse
-from corpus_tools.inspection.overlay import paint_legend, paint_names, paint_title
+from corpus_tools.inspection.overlay import Words, put_words
 from corpus_tools.inspection.panel import Choice, Panel
 from corpus_tools.inspection.screen import Area, Screen
 from corpus_tools.inspection.sound_player import SoundPlayer
@@ -142,29 +142,15 @@ class Window:
         areas, line = self.areas, self.line
         self._screen.set_stage(areas["stage"])
         self.stage.update(line.cursor)
-        self._draw_words(areas["stage"])
+        title = " and ".join(m.title for m in (self.material, self.other) if m is not None)
+        words = Words(title, self.material.notes, tuple(self.strip.heads), self.with_names)
+        put_words(self._screen, self.stage, areas["stage"], words)
         listing.fill_panel(self)
         self._screen.put("panel", areas["panel"], self.panel.key, self.panel.paint)
         self._draw_strip(areas["strip"])
         paint = functools.partial(listing.paint_status, self)
         self._screen.put("status", areas["status"], None, paint)
         self._screen.render()
-
-    def _draw_words(self, area: Area) -> None:
-        """Write title, legend and names over the stage."""
-        stage, (left, bottom, width, height) = self.stage, area
-        title, notes = self.material.title, self.material.notes
-        if self.other is not None:
-            title = f"{title} (left, blue) and {self.other.title} (right, red)"
-        tall = 28 + 15 * min(len(notes), 2)
-        top = (left, bottom + height - tall, width, tall)
-        self._screen.put("title", top, title, lambda *_: paint_title(title, notes, width))
-        low = (left, bottom, width, 22)
-        self._screen.put("legend", low, stage.stretch, lambda *_: paint_legend(stage, width))
-        if self.with_names:
-            self._screen.put("names", area, None, lambda *size: paint_names(stage, size))
-        else:
-            self._screen.hide("names")
 
     def _draw_strip(self, area: Area) -> None:
         _, bottom, width, height = area
