@@ -106,9 +106,9 @@ class FitReport:
 
 @dataclass(frozen=True, kw_only=True)
 class _FitItem(Item):
-    """A recording, and what a person mended in it."""
+    """A recording, and what a person mended in it, or why that cannot be used."""
 
-    edits: EditList | None
+    edits: EditList | MocapFitError | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +130,8 @@ class _FitJob:
         parts = [self.fingerprint_of_all, read, name, sums[name]]
         if self.between is not None:
             parts += map(repr, self.between)
+        if isinstance(item.edits, MocapFitError):
+            raise item.edits
         if item.edits is not None:
             parts.append(item.edits.digest)
         return hashlib.sha256(os.fsencode("\0".join(parts))).hexdigest()
@@ -141,7 +143,7 @@ class _FitJob:
         with context.time("reading"):
             path = context.folder / item.sources[0]
             recording = self.options.read_tracks(path)
-            if item.edits is not None:
+            if isinstance(item.edits, EditList):
                 recording = item.edits.apply(recording)
             if self.between is not None:
                 recording = recording.between(*self.between)
@@ -292,18 +294,11 @@ def fit(
     shared = speaker.compute_fingerprint(**settings)
     job = _FitJob(speaker, settings, between, options, allow_mirrored, shared)
     seconds = {"speaker": time.perf_counter() - began}
-    items: list[_FitItem] = []
-    results: dict[str, ItemResult] = {}
-    for file in files:
-        try:
-            items.append(_to_item(file, load_edits(file, edits)))
-        except MocapFitError as error:
-            results[file.stem] = ItemResult(file.stem, error=str(error))
-    batch = run_batch(
+    items = [_to_item(file, edits) for file in files]
+    results = run_batch(
         job, items, Path(out), jobs=jobs, cluster=cluster, fresh=fresh, progress=progress
     )
-    results |= {result.name: result for result in batch}
-    for result in batch:
+    for result in results:
         for part, length in result.seconds.items():
             seconds[part] = seconds.get(part, 0.0) + length
     orientation = speaker.binding.orientation
@@ -312,14 +307,21 @@ def fit(
         speaker.layout.name,
         orientation.scale,
         dict(orientation.residuals or {}),
-        tuple(_to_row(file, results[file.stem], Path(out)) for file in files),
+        tuple(_to_row(file, r, Path(out)) for file, r in zip(files, results, strict=True)),
         {**seconds, "elapsed": time.perf_counter() - began},
     )
 
 
-def _to_item(file: Path, edits: EditList | None) -> _FitItem:
+def _to_item(file: Path, edits: _Path | None) -> _FitItem:
     prefix, target = str(file)[: -len(file.name)], f"{file.stem}.parquet"
-    return _FitItem(file.stem, file.parent.absolute(), (file.name,), (target,), prefix, edits=edits)
+    mended: EditList | MocapFitError | None
+    try:
+        mended = load_edits(file, edits)
+    except MocapFitError as error:
+        mended = error
+    return _FitItem(
+        file.stem, file.parent.absolute(), (file.name,), (target,), prefix, edits=mended
+    )
 
 
 def _to_row(file: Path, result: ItemResult, out: Path) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import corpus_tools
+from corpus_tools.cli import app as cli
 from corpus_tools.conversion.entries import list_entries
 from corpus_tools.conversion.manifest import load_manifest
 from corpus_tools.conversion.plan import find_files
@@ -79,19 +80,18 @@ class TestFit:
         assert np.isnan(edited.residuals[6:12]).all()
 
     @pytest.mark.parametrize("what", ["another recording", "no such marker", "not TOML"])
-    def test_a_bad_list_refuses_its_recording_alone(self, session, takes, tmp_path, what):
+    def test_a_bad_list_refuses_its_recording_alone(self, session, takes, tmp_path, what, capsys):
         shutil.copy(session.recordings[1], takes / "good.tsv")
         path = write(takes / "take.tsv", Rename(old="nobody", new="somebody"))
         if what == "another recording":
             write_edits(EditList(sha256="0" * 64), path)
         elif what == "not TOML":
             path.write_text("= 1")
-        report = corpus_tools.fit(
-            takes, reference=session.reference, layout=session.layout, out=tmp_path / "fits"
-        )
-        assert set(report.errors) == {"take"}
-        words = {"no such marker": "edit 1 of the edit list"}.get(what, what)
-        assert words in report.errors["take"]
+        call = ["fit", str(takes), "--reference", str(session.reference)]
+        assert cli.main([*call, "--out", str(tmp_path / "fits"), "-q"]) == 1
+        (line,) = capsys.readouterr().err.splitlines()
+        assert "take.tsv" in line
+        assert {"no such marker": "edit 1 of the edit list"}.get(what, what) in line
         assert [path.stem for path in (tmp_path / "fits").iterdir()] == ["good"]
 
 
