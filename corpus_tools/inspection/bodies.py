@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_fit.face import Rig
+from mocap_fit.face.contact import resolve_contact
 from mocap_fit.render.lighting import Lighting
 from mocap_fit.render.scene import Surface, list_outside_triangles
 from mocap_fit.tracks import FloatArray
@@ -199,7 +200,7 @@ class Head:
             Vertices of a head that it is compared with, ``(vertices, 3)``, millimetres: it is
             coloured where it is elsewhere.
         """
-        self.shape = self._rig.deform(values)
+        self.shape = resolve_contact(self._rig.deform(values), self._rig.mesh)
         light = self._lighting.compute_colours(self.shape, camera)
         if other is not None:
             colours = colour_difference(np.linalg.norm(self.shape - other, axis=1))

@@ -79,7 +79,6 @@ class Screen:
         self.interactor.SetInteractorStyle(self.style)
         plotter.show(
             auto_close=False,
-            jupyter_backend="none",
             interactive=False,
             interactive_update=not off_screen,
         )
