@@ -7,7 +7,7 @@ close. They are judged on tracks at 200 Hz, on the pictures of a movie at 25, 30
 and on the frames of `stream` at 60 a second. A bilabial is closed when the largest opening along
 the lip line is at most 0.5 mm in a frame of it. An open vowel is flattened when the lips open less
 than 90 % as far as with the same model as it is; vowels under 80 ms between two bilabials do not
-count. Sentences are in `benchmarks/closure.toml`; another such file, or a text file with a sentence
+count. On f and v the lower lip is at the teeth within 2 mm. Sentences are in `benchmarks/closure.toml`; another such file, or a text file with a sentence
 a line for a single language, can be named. What is wrong is listed below the table.
 """
 
@@ -25,7 +25,7 @@ from corpus_tools.talking.speak_models import RULE_BASED, choose_default, find_m
 from mocap_fit import control
 from mocap_fit.control import ControlModel
 from mocap_fit.errors import MocapFitWarning
-from mocap_fit.evaluation.closure import CLOSED, LipEvent, LipGaps, measure_gaps
+from mocap_fit.evaluation.closure import CLOSED, CONTACT, LipEvent, LipGaps, measure_gaps
 from mocap_fit.face import Rig, load_face
 from mocap_fit.phones import PhoneSequence, PhoneSet
 from mocap_fit.render.sampling import sample_parameters
@@ -47,6 +47,8 @@ class Count:
 
     closed: int = 0
     bilabials: int = 0
+    touching: int = 0
+    labiodentals: int = 0
     flattened: int = 0
     open_vowels: int = 0
     speed: float = 0.0
@@ -65,6 +67,8 @@ class Count:
             self.closed += event.gap <= CLOSED
             if event.gap > CLOSED:
                 self.faults.append(f"{describe(event)} is open, {event.gap:.2f} mm: {text}")
+        self.labiodentals += len(lips.labiodentals)
+        self.touching += sum(event.gap <= CONTACT for event in lips.labiodentals)
         squeezed = find_squeezed(phones, lips)
         for event, other in zip(lips.open_vowels, free.open_vowels, strict=True):
             if (event.start, event.end) in squeezed:
@@ -207,7 +211,8 @@ def main() -> None:
         default = "*" if row["model"] == choose_default(row["language"]) else ""
         print(
             f"| {row['language']} | {row['model']}{default} | {row['judged_on']} "
-            f"| {row['bilabials']} | {row['share']:.1f} | {row['open_vowels']} "
+            f"| {row['bilabials']} | {row['share']:.1f} | {row['labiodentals']} "
+            f"| {100 * row['touching'] / max(row['labiodentals'], 1):.1f} | {row['open_vowels']} "
             f"| {row['flattened']} | {row['speed']:.0f} |"
         )
     print("\n* speaks by default")

@@ -9,7 +9,8 @@ The largest gap along the lip line is limited: to `CLOSED` during a closure, and
 opens at `SPEED` from there. A movement that is faster by itself opens earlier. Where it does not
 keep these limits, it goes to near parameters within the rig's bounds that do: by Newton's method,
 each step the smallest change that brings the place that is open most to its target without
-pressing another one too far.
+pressing another one too far. Such a change may be large where the gap is small, as that of a jaw
+which keeps the corners apart: no point of the face comes to it or leaves it faster than `SPEED`.
 """
 
 from __future__ import annotations
@@ -44,6 +45,8 @@ _LONGEST_OPENING = 0.5
 _STEPS = 20
 # Of a frame: times that are nearer are the same.
 _ROUNDING = 1e-6
+# How far the face moves is measured at one of so many vertices.
+_EVERY = 10
 # Millimetres: a limit counts as kept; a place counts as far inside its limits.
 _TOLERANCE, _MARGIN = 0.002, 0.05
 
@@ -72,10 +75,13 @@ class Before(NamedTuple):
         Its time, seconds.
     gap
         Its largest gap along the lip line, millimetres.
+    change
+        By how much its parameters were changed, ``(parameters,)``, in the order of the rig.
     """
 
     time: float
     gap: float
+    change: FloatArray
 
 
 def find_closures(
@@ -187,20 +193,64 @@ def close_lips(
         return result
     full = np.zeros((len(known), len(rig.parameter_names)))
     full[:, index] = values[np.ix_(known, chosen)]
-    times, gaps = times[known], line.measure(deform_points(rig, line.vertices, full))
+    fixed = np.setdiff1d(np.arange(full.shape[1]), index)
+    times, gaps = times[known], _measure_largest(rig, line, full)
+    limits = _limit_by_closures(times, closures)
+    closed = np.flatnonzero(limits <= CLOSED)
+    targets = np.minimum(gaps, limits)[closed]
+    changes = _match_gaps(rig, line, full[closed], targets, fixed) - full[closed]
+    eased = full + _ease(rig, full, times, closed, changes, before)
     # The mouth opens earlier rather than less where the movement is faster than lips are.
-    targets = np.minimum(
-        _raise_to_speed(gaps.max(axis=1), times), _limit_by_closures(times, closures)
-    )
+    gaps = _measure_largest(rig, line, eased)
+    targets = np.minimum(_raise_to_speed(gaps, times), limits)
     if before is not None:
         reach = SPEED * (times - before.time)
         targets = np.clip(targets, before.gap - reach, before.gap + reach)
-    other = np.abs(gaps.max(axis=1) - targets) > _TOLERANCE
-    least = np.minimum(gaps, 0.5 * targets[:, None] - PRESSED)
-    fixed = np.setdiff1d(np.arange(full.shape[1]), index)
-    changed = _drive_to_gaps(rig, line, full[other], least[other], targets[other], fixed)
-    result[np.ix_(known[other], chosen)] = changed[:, index]
+    result[np.ix_(known, chosen)] = _match_gaps(rig, line, eased, targets, fixed)[:, index]
     return result
+
+
+def _measure_largest(rig: Rig, line: LipLine, values: FloatArray) -> FloatArray:
+    """Return the largest gap of every frame."""
+    gaps = line.measure(deform_points(rig, line.vertices, values))
+    return np.asarray(gaps.max(axis=1))
+
+
+def _ease(
+    rig: Rig,
+    values: FloatArray,
+    times: FloatArray,
+    closed: IndexArray,
+    changes: FloatArray,
+    before: Before | None,
+) -> FloatArray:
+    """Return changes of all frames that lead to those of the closed ones, and away, at `SPEED`."""
+    result = np.zeros_like(values)
+    if len(closed):
+        durations = _measure_ways(rig, values[closed], values[closed] + changes) / SPEED
+        following = np.searchsorted(closed, np.arange(len(times)))
+        total = np.zeros(len(times))
+        for near in (following - 1, following):
+            inside = (near >= 0) & (near < len(closed))
+            near = np.clip(near, 0, len(closed) - 1)
+            apart = np.abs(times - times[closed[near]]) / durations[near]
+            shares = np.where(inside, np.maximum(1.0 - apart, 0.0), 0.0)
+            result += shares[:, None] * changes[near]
+            total += shares
+        result /= np.maximum(total, 1.0)[:, None]
+        result[closed] = changes
+    if before is not None:
+        first = _measure_ways(rig, values[:1] + before.change, values[:1] + result[:1]) / SPEED
+        share = np.minimum((times - before.time) / first, 1.0)[:, None]
+        result = share * result + (1.0 - share) * before.change
+    return result
+
+
+def _measure_ways(rig: Rig, start: FloatArray, end: FloatArray) -> FloatArray:
+    """Return how far points of the face move from one pose to another, a little at least."""
+    points = np.arange(0, len(rig.mesh.vertices), _EVERY)
+    apart = deform_points(rig, points, end) - deform_points(rig, points, start)
+    return np.asarray(np.linalg.norm(apart, axis=2).max(axis=1)) + _TOLERANCE
 
 
 def limit_to_bounds(values: FloatArray, rig: Rig, names: Sequence[str]) -> FloatArray:
@@ -280,10 +330,11 @@ class LipCloser:
         closures = find_closures(self._phones, self._phone_set, rate, float(times[0]))
         result = close_lips(values, times, closures, self._rig, self._names, self._before)
         index, chosen = _match_parameters(self._rig, self._names)
-        last = np.zeros((1, len(self._rig.parameter_names)))
+        last, change = np.zeros((2, 1, len(self._rig.parameter_names)))
         last[0, index] = result[-1, chosen]
-        gaps = self._line.measure(deform_points(self._rig, self._line.vertices, last))
-        self._before = Before(float(times[-1]), float(gaps.max()))
+        change[0, index] = result[-1, chosen] - values[-1, chosen]
+        gap = float(_measure_largest(self._rig, self._line, last)[0])
+        self._before = Before(float(times[-1]), gap, change[0])
         return result
 
 
@@ -335,6 +386,18 @@ def _differentiate_gaps(
     return line.measure(points), np.einsum("kv,fvp->fkp", line.weights, jacobian[:, :, 1])
 
 
+def _match_gaps(
+    rig: Rig, line: LipLine, values: FloatArray, targets: FloatArray, fixed: IndexArray
+) -> FloatArray:
+    """Return near parameters whose largest gap is the target, as far as the bounds allow."""
+    gaps = line.measure(deform_points(rig, line.vertices, values))
+    other = np.abs(gaps.max(axis=1) - targets) > _TOLERANCE
+    least = np.minimum(gaps, 0.5 * targets[:, None] - PRESSED)
+    result = values.copy()
+    result[other] = _drive_to_gaps(rig, line, values[other], least[other], targets[other], fixed)
+    return result
+
+
 def _drive_to_gaps(
     rig: Rig,
     line: LipLine,
@@ -343,7 +406,7 @@ def _drive_to_gaps(
     targets: FloatArray,
     fixed: IndexArray,
 ) -> FloatArray:
-    """Return near parameters whose largest gap is the target, as far as the bounds allow."""
+    """Return near parameters whose largest gap is the target, and no gap is below the least."""
     low, high = rig.bounds.T
     values = values.copy()
     rows = np.arange(len(values))
