@@ -7,8 +7,9 @@ close. They are judged on tracks at 200 Hz, on the pictures of a movie at 25, 30
 and on the frames of `stream` at 60 a second. A bilabial is closed when the largest opening along
 the lip line is at most 0.5 mm in a frame of it. An open vowel is flattened when the lips open less
 than 90 % as far as with the same model as it is; vowels under 80 ms between two bilabials do not
-count. On f and v the lower lip is at the teeth within 2 mm. Sentences are in `benchmarks/closure.toml`; another such file, or a text file with a sentence
-a line for a single language, can be named. What is wrong is listed below the table.
+count. On f and v the lower lip is at the teeth within 2 mm. Sentences are in
+`benchmarks/closure.toml`; another such file, or a text file with a sentence a line for a single
+language, can be named. What is wrong is listed below the table.
 """
 
 import argparse

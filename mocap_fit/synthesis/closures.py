@@ -16,6 +16,7 @@ which keeps the corners apart: no point of the face comes to it or leaves it fas
 from __future__ import annotations
 
 import math
+import sys
 from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -136,13 +137,13 @@ def _find_frames(
     start: float, end: float, rate: float, frames: int | None
 ) -> tuple[int, int] | None:
     """Return the first and the last frame of a bilabial; all but the rate is in frames."""
-    lowest, highest = (-math.inf, math.inf) if frames is None else (0, frames - 1)
+    exists = range(-sys.maxsize, sys.maxsize) if frames is None else range(frames)
     moving = min(_MOVING * (end - start), _LONGEST_MOVING * rate)
     first, last = math.ceil(start + moving - _ROUNDING), math.floor(end - moving + _ROUNDING)
     if first <= last:
-        first, last = max(first, lowest), min(last, highest)
+        first, last = max(first, exists[0]), min(last, exists[-1])
         return (first, last) if first <= last else None
-    apart = {i: max(start - i, i - end) for i in (last, first) if lowest <= i <= highest}
+    apart = {i: max(start - i, i - end) for i in (last, first) if i in exists}
     nearest = min(apart, key=lambda i: apart[i], default=None)
     return None if nearest is None or apart[nearest] > 0.5 + _ROUNDING else (nearest, nearest)
 
