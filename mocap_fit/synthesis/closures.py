@@ -141,7 +141,7 @@ def _find_frames(
     moving = min(_MOVING * (end - start), _LONGEST_MOVING * rate)
     first, last = math.ceil(start + moving - _ROUNDING), math.floor(end - moving + _ROUNDING)
     if first <= last:
-        first, last = max(first, exists[0]), min(last, exists[-1])
+        first, last = max(first, exists.start), min(last, exists.stop - 1)
         return (first, last) if first <= last else None
     apart = {i: max(start - i, i - end) for i in (last, first) if i in exists}
     nearest = min(apart, key=lambda i: apart[i], default=None)

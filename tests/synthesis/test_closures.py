@@ -62,6 +62,7 @@ class TestWhen:
         assert find_closures(phones, PHONES, 25.0) == (pytest.approx((0.12, 0.12)),)
         assert find_closures(phones, PHONES, 25.0, 0.0, 3) == (pytest.approx((0.08, 0.08)),)
         assert find_closures(phones, PHONES, 25.0, 0.0, 2) == ()
+        assert find_closures(phones, PHONES, 1000.0, 0.0, 0) == ()
         assert find_closures(phones, PHONES, 25.0, 0.2, 100) == ()
 
     @given(st.floats(0.2, 0.4), st.floats(0.017, 0.09), st.sampled_from([25.0, 30.0, 60.0]))
