@@ -13,6 +13,7 @@ from corpus_tools.talking.measured import read_parameters
 from mocap_fit.atomic_file import check_targets, remove_partials, write_text
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.face import load_face
+from mocap_fit.phones import PhoneSequence, read_stored_phones
 from mocap_fit.size_limit import check_size
 from mocap_fit.tracks import ParameterTracks
 
@@ -82,7 +83,8 @@ def export(
     tracks
         Face parameters (Parquet).
     to
-        ``gltf``: the head with morph targets and their animation; ``fap``: MPEG-4 facial
+        ``gltf``: the head with morph targets and their animation, and with a tongue that moves by
+        the phones where the tracks are those of a corpus; ``fap``: MPEG-4 facial
         animation parameters; ``csv``: one column per parameter.
     out
         The file.
@@ -124,9 +126,21 @@ def export(
         return ExportReport(file, to, used, write_fap(parameters, file, load_face(face), rate=rate))
     from mocap_fit.render.gltf import write_gltf
 
-    blended = write_gltf(parameters, file, load_face(face), rate=rate)
+    blended = write_gltf(
+        parameters,
+        file,
+        load_face(face, tongue=None),
+        rate=rate,
+        phones=_find_phones(Path(tracks)),
+    )
     frames = len(blended.times)
     return ExportReport(file, to, used, frames, tuple(blended.names), blended.largest_error)
+
+
+def _find_phones(tracks: Path) -> PhoneSequence | None:
+    """Return the phones of tracks that are in a corpus, by which their tongue moves."""
+    beside = tracks.resolve().parent.parent / "phones" / tracks.name
+    return read_stored_phones(beside) if beside.is_file() else None
 
 
 def _write_csv(tracks: ParameterTracks, out: Path, rate: float | None) -> int:

@@ -92,11 +92,18 @@ def stream(
 def _predict(
     reader: _Reader, model: ControlModel, rate: float | None, face: Rig, articulation: float
 ) -> Iterator[dict[str, float]]:
+    from mocap_fit.control.tongue import TONGUE_PARAMETERS
     from mocap_fit.synthesis import stream_frames
 
     phones = reader.read_utterance()
-    for frame in stream_frames(phones, model, rate, face=face, articulation=articulation):
-        values = dict(zip(model.parameter_names_, frame.values.tolist(), strict=True))
+    # A tongue that the model does not move is moved by rule.
+    names = model.parameter_names_
+    tongue = not set(TONGUE_PARAMETERS) & set(names)
+    if tongue:
+        names = (*names, *TONGUE_PARAMETERS)
+    how: dict[str, Any] = {"face": face, "articulation": articulation, "tongue": tongue}
+    for frame in stream_frames(phones, model, rate, **how):
+        values = dict(zip(names, frame.values.tolist(), strict=True))
         rounded = {name: round(value, 6) for name, value in values.items()}
         yield {"time": round(frame.time, 6), **rounded}
 

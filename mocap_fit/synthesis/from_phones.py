@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 
 from mocap_fit import control
 from mocap_fit.control import ControlModel
+from mocap_fit.control.tongue import compute_tongue
 from mocap_fit.errors import DataError
 from mocap_fit.face import load_face
 from mocap_fit.face.rig import Rig
@@ -26,6 +28,9 @@ from mocap_fit.phones import (
 from mocap_fit.synthesis.closures import LipCloser, close_lips, find_closures, limit_to_bounds
 from mocap_fit.tracks import FloatArray, ParameterTracks
 
+# Seconds after which a phone no longer matters to the tongue.
+_TONGUE_MEMORY = 2.0
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:
@@ -36,7 +41,8 @@ class Frame:
     time
         Time on the clock of the phones, seconds.
     values
-        Face parameters in the order of the model, ``(parameters,)``, 1 is the full gesture.
+        Face parameters in the order of the model, ``(parameters,)``, 1 is the full gesture; then
+        those of the tongue, where they were wanted.
     """
 
     time: float
@@ -172,6 +178,7 @@ def stream_frames(
     *,
     face: Rig | None = None,
     articulation: float = 1.0,
+    tongue: bool = False,
 ) -> Iterator[Frame]:
     """Yield frames as soon as the phones that they depend on are known.
 
@@ -190,6 +197,9 @@ def stream_frames(
         A face whose lips then close on every bilabial; by default the movement is the model's.
     articulation
         Factor of the movements about rest, no unit.
+    tongue
+        Whether the parameters of the tongue follow in each frame (`TONGUE_PARAMETERS`), by rule
+        from the phones that are known by then.
 
     Yields
     ------
@@ -204,6 +214,16 @@ def stream_frames(
     stream = model.stream(rate)
     closer = None if face is None else LipCloser(face, model.phone_set_, model.parameter_names_)
     index = 0
+    pushed: deque[PhoneSegment] = deque()
+
+    def add_tongue(values: FloatArray, times: FloatArray) -> FloatArray:
+        while pushed[0].end < times[0] - _TONGUE_MEMORY:
+            pushed.popleft()
+        phones = PhoneSequence(tuple(pushed), phone_set=model.phone_set_.name)
+        names = model.parameter_names_
+        jaw = values[:, names.index("jaw_rotation")] if "jaw_rotation" in names else None
+        moved = compute_tongue(phones, times, jaw=jaw, phone_set=model.phone_set_)
+        return np.hstack([values, moved])
 
     def to_frames(values: FloatArray) -> Iterator[Frame]:
         nonlocal index
@@ -213,12 +233,15 @@ def stream_frames(
         values = articulation * values
         if closer is not None:
             values = closer.close(values, times, stream.rate)
+        if tongue and len(values):
+            values = add_tongue(values, times)
         yield from map(Frame, times.tolist(), values)
 
     for segment in segments:
         single = PhoneSequence((segment,), phone_set=model.phone_set_.name)
         (phone,) = normalise_phones(single, model.phone_set_)
         stream.push(phone)
+        pushed.append(phone)
         if closer is not None:
             closer.push(phone)
         yield from to_frames(stream.pull())

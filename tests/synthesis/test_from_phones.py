@@ -84,3 +84,17 @@ def test_a_live_utterance_refuses_what_does_not_follow(english):
         list(stream_frames(backwards, english))
     with pytest.raises(DataError, match="XYZ"):
         list(stream_frames([PhoneSegment(0.5, 0.6, "XYZ")], english))
+
+
+def test_live_frames_have_a_tongue_where_it_is_wanted(english) -> None:
+    labels = ["sil", "AA", "L", "IY", "K", "AA", "sil"]
+    phones = [PhoneSegment(0.1 * i, 0.1 * (i + 1), label) for i, label in enumerate(labels)]
+    plain = list(stream_frames(iter(phones), english, 50))
+    frames = list(stream_frames(iter(phones), english, 50, tongue=True))
+    values = np.array([frame.values for frame in frames])
+    np.testing.assert_array_equal(values[:, :-5], [frame.values for frame in plain])
+    times = np.array([frame.time for frame in frames])
+    lateral, velar = (np.abs(times - centre).argmin() for centre in (0.25, 0.45))
+    # Raised: the tip for l, the body for k.
+    assert values[lateral, -5] > 0.9
+    assert values[velar, -3] > 0.9
