@@ -171,15 +171,18 @@ def _measure_depths(points, vertices, body, border, surface, apex):  # type: ign
             angle += _compute_solid_angle(p, vertices[border[e, 1]], vertices[border[e, 0]], apex)
         if angle < 2.0 * np.pi:
             continue
-        best = np.inf
+        best, is_behind = np.inf, False
         for t in range(len(surface)):
-            best = min(
-                best,
-                _measure_distance(
-                    p, vertices[surface[t, 0]], vertices[surface[t, 1]], vertices[surface[t, 2]]
-                ),
-            )
-        depths[n] = best
+            a, b, c = vertices[surface[t, 0]], vertices[surface[t, 1]], vertices[surface[t, 2]]
+            distance = _measure_distance(p, a, b, c)
+            if distance > best + 1e-9:
+                continue
+            # Of several that share the nearest point, one that the point is behind is enough.
+            behind = np.dot(np.cross(b - a, c - a), p - a) < 0.0
+            is_behind = behind or (is_behind and distance > best - 1e-9)
+            best = min(best, distance)
+        # A surface with a crease may wind round a point before it: that is in no other body.
+        depths[n] = best if is_behind else 0.0
     return depths
 
 
