@@ -26,6 +26,8 @@ _PAIRS = {
     "gums_upper": ("tongue", "teeth_lower"),
 }
 _NEAR = 4.0
+# Millimetres before a lip: shallower depths of lips in each other are not seen.
+_BEFORE = 0.2
 # Behind the mouth: the skin round it is closed to a body by triangles to this point, millimetres.
 _APEX = np.array([0.0, 0.0, -10.0])
 
@@ -104,16 +106,13 @@ class Depths:
         return result
 
     def _measure_lip(self, vertices: FloatArray, ids: IndexArray, other: str) -> FloatArray:
-        # A lip is on its own surface: just before it is where another body shows.
-        normals = self.mesh.compute_normals(vertices)[ids]
-        return _measure(
-            vertices[ids] + 0.02 * normals,
-            vertices,
-            self._flesh,
-            self._border,
-            self._lips[other],
-            self._lips[other],
-        )
+        # A lip is on its own surface: before it is where another body shows, as far off as no
+        # crease of its own skin goes.
+        points = vertices[ids]
+        before = points + _BEFORE * self.mesh.compute_normals(vertices)[ids]
+        surface = self._lips[other]
+        flesh, border = self._flesh, self._border
+        return _measure(points, vertices, flesh, border, surface, surface, before)
 
 
 _NO_BORDER = np.zeros((0, 2), dtype=np.int64)
@@ -126,17 +125,22 @@ def _measure(
     border: IndexArray,
     surface: IndexArray,
     near: IndexArray,
+    tested: FloatArray | None = None,
 ) -> FloatArray:
     """Return how deep each point is in a body, measured to a surface of it; 0 outside.
 
-    And 0 far from some triangles: the skin is a body too where it is no lip.
+    And 0 far from some triangles: the skin is a body too where it is no lip. Other points may be
+    tested for being inside.
     """
+    tested = points if tested is None else tested
     result = np.zeros(len(points))
     tree = cKDTree(vertices[np.unique(near)])
     distance, _ = tree.query(points, distance_upper_bound=_NEAR)
     chosen = np.flatnonzero(np.isfinite(distance))
     if chosen.size:
-        result[chosen] = _measure_depths(points[chosen], vertices, body, border, surface, _APEX)
+        result[chosen] = _measure_depths(
+            points[chosen], tested[chosen], vertices, body, border, surface, _APEX
+        )
     return result
 
 
@@ -158,10 +162,10 @@ def _compute_solid_angle(p, a, b, c):  # type: ignore[no-untyped-def]
 
 
 @_njit
-def _measure_depths(points, vertices, body, border, surface, apex):  # type: ignore[no-untyped-def]
+def _measure_depths(points, tested, vertices, body, border, surface, apex):  # type: ignore[no-untyped-def]
     depths = np.zeros(len(points))
     for n in range(len(points)):
-        p = points[n]
+        p = tested[n]
         angle = 0.0
         for t in range(len(body)):
             angle += _compute_solid_angle(
@@ -171,18 +175,11 @@ def _measure_depths(points, vertices, body, border, surface, apex):  # type: ign
             angle += _compute_solid_angle(p, vertices[border[e, 1]], vertices[border[e, 0]], apex)
         if angle < 2.0 * np.pi:
             continue
-        best, is_behind = np.inf, False
+        best = np.inf
         for t in range(len(surface)):
             a, b, c = vertices[surface[t, 0]], vertices[surface[t, 1]], vertices[surface[t, 2]]
-            distance = _measure_distance(p, a, b, c)
-            if distance > best + 1e-9:
-                continue
-            # Of several that share the nearest point, one that the point is behind is enough.
-            behind = np.dot(np.cross(b - a, c - a), p - a) < 0.0
-            is_behind = behind or (is_behind and distance > best - 1e-9)
-            best = min(best, distance)
-        # A surface with a crease may wind round a point before it: that is in no other body.
-        depths[n] = best if is_behind else 0.0
+            best = min(best, _measure_distance(points[n], a, b, c))
+        depths[n] = best
     return depths
 
 
