@@ -29,12 +29,12 @@ VERBS = frozenset(
     annotate answer append apply approximate arrange assemble assert assign assimilate attach
     average
     backpropagate begin bend bind blend blink bound break bring broadcast build
-    calculate call cancel cap capture carry cast catch change check choose clamp clean clear
+    calculate calibrate call cancel cap capture carry cast catch change check choose clamp clean clear
     clip clone close collect color colour combine compare compile complete compose compute
     concatenate configure connect consume continue convert convolve copy correct correlate count
     cover create crop cut cycle
     debug decode decompose define deform degrade delay delete demand derive describe detect
-    determine differentiate disable discard distribute divide download drag draw drive drop
+    determine diagnose differentiate disable discard distribute divide download drag draw drive drop
     ease elaborate eliminate emit enable encode end ensure enter enumerate erase escape estimate
     evaluate exchange execute exit expand explain export express extend extract
     factor fade fail fetch fill filter find finish fit fix flatten flip flush fold follow forget
@@ -67,7 +67,7 @@ VERBS = frozenset(
     synthesise
     take talk taper terminate test throw tidy tie time title trace track train transform
     translate transpose traverse triangulate trim truncate try turn
-    unbind undo unescape unfold unite unpack unroll unwrap update use
+    unbind undistort undo unescape unfold unite unpack unroll unwrap update use
     validate verify visit
     wait walk warn watch weigh widen wrap write
     yield

@@ -120,20 +120,21 @@ def triangulate(cameras: Cameras, pixels: ArrayLike, noise: ArrayLike = 0.2) -> 
     if not (deviations[seen] > 0).all():
         raise DataError("the noise of a pixel is not above 0", expected="pixels above 0")
     weights = np.where(seen, 1.0 / np.where(seen, deviations, 1.0), 0.0)
-    points = _meet_rays(cameras, flat)
+    points = _intersect_rays(cameras, flat)
     points, covariance = _minimise(cameras, flat, weights, points)
     projected = cameras.project(points)
     # In front of every camera that sees it.
     bad = np.isnan(projected).any(axis=-1) & seen
     points[bad.any(axis=0)] = np.nan
-    covariance[np.isnan(points).any(axis=-1)] = np.nan
-    residuals = np.where(np.isnan(points).any(axis=-1)[:, None], np.nan, flat - projected)
+    lost = np.asarray(np.isnan(points).any(axis=-1))
+    covariance[lost] = np.nan
+    residuals = np.where(lost[:, None], np.nan, flat - projected)
     return Triangulation(
         points.reshape(*shape, 3), covariance.reshape(*shape, 3, 3), residuals.reshape(image.shape)
     )
 
 
-def _meet_rays(cameras: Cameras, pixels: FloatArray) -> FloatArray:
+def _intersect_rays(cameras: Cameras, pixels: FloatArray) -> FloatArray:
     """Return the points nearest to the rays of the pixels; NaN where they are no two."""
     total = np.zeros((pixels.shape[1], 3, 3))
     moment = np.zeros((pixels.shape[1], 3))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from mocap_fit.stereo import Camera, Cameras
+from mocap_fit.stereo.bundle import CornerTable
 
 LENS = (-0.15, 0.08, 0.0, 0.0, 0.0)
 
@@ -48,3 +49,26 @@ def arrange_cameras() -> Callable[..., Cameras]:
         )
 
     return arrange
+
+
+@pytest.fixture(scope="session")
+def show_board() -> Callable[..., tuple[CornerTable, np.ndarray]]:
+    """Views of a board of 8 x 6 corners, 20 mm apart: what cameras see, and its poses."""
+
+    def show(cameras: Cameras, rng: np.random.Generator, views: int, noise: float = 0.2):
+        board = np.array([[20.0 * x - 70, 20.0 * y - 50, 0] for y in range(6) for x in range(8)])
+        rows, poses = [], []
+        while len(poses) < views:
+            place = rng.uniform([-180, -120, -150], [180, 120, 150])
+            pose = np.concatenate([rng.uniform(-0.6, 0.6, 3), place])
+            pixels = cameras.project(board @ cv2.Rodrigues(pose[:3])[0].T + place)
+            inside = ((pixels > 5) & (pixels < np.array([635, 475]))).all(axis=(1, 2))
+            if inside.all():
+                for number, seen in enumerate(pixels):
+                    seen = seen + rng.normal(0, noise, seen.shape)
+                    rows.append((np.full(48, number), np.full(48, len(poses)), board, seen))
+                poses.append(pose)
+        columns = zip(*rows, strict=True)
+        return CornerTable(*map(np.concatenate, columns)), np.array(poses)
+
+    return show
