@@ -147,9 +147,10 @@ def quantise(values: FloatArray | Single, bits: int = 16) -> Quantised:
 
 def _find_directions(rest: FloatArray, tolerance: float) -> FloatArray:
     """Return unit vectors, ``(vectors, coordinates)``, that leave no vertex farther than that."""
-    # Most vertices of a head never move.
-    farthest = np.abs(rest).max(axis=0).reshape(-1, 3).max(axis=1)
-    moving = np.repeat(farthest > 1e-3 * tolerance, 3)
+    # Most vertices of a head never move. Those that do a little count: what is left out here
+    # would make the vectors oblique to those that there are already.
+    moving = np.abs(rest).max(axis=0) > 1e-9
+    moving = np.repeat(moving.reshape(-1, 3).any(axis=1), 3)
     moved = rest[:, moving]
     left = moved.copy()
     directions: list[FloatArray] = []

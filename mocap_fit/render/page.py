@@ -20,17 +20,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocap_fit.atomic_file import write_text
 from mocap_fit.drawing import CYCLE
 from mocap_fit.errors import DataError, FileFormatError
-from mocap_fit.face.mesh import Mesh
+from mocap_fit.face.mesh import IndexArray, Mesh
 from mocap_fit.face.rig import Rig
 from mocap_fit.phones import PhoneSequence
 from mocap_fit.render.framing import DIRECTIONS, frame_face
 from mocap_fit.render.lighting import Lighting
 from mocap_fit.render.liveliness import LivelyFace, plan_liveliness
-from mocap_fit.render.main_shapes import MainShapes, MainShapesBuilder, Quantised, quantise
+from mocap_fit.render.main_shapes import (
+    MainShapes,
+    MainShapesBuilder,
+    Quantised,
+    Single,
+    quantise,
+)
 from mocap_fit.render.movie import MAX_DURATION
 from mocap_fit.render.movie_file import cut_sound
 from mocap_fit.render.running_strip import select_moving
@@ -46,7 +53,9 @@ _CURVES = 6
 # Frames that the first shapes are computed from, and frames that are worked on at once; how far a
 # vertex may be from where it should be, millimetres, and its light, 0 to 1.
 _SAMPLED, _AT_ONCE = 160, 32
-_MOVEMENT_TOLERANCE, _LIGHT_TOLERANCE = 0.05, 0.05
+_MOVEMENT_TOLERANCE, _LIGHT_TOLERANCE = 0.04, 0.05
+# Millimetres: what contact moves is rounded to these.
+_CONTACT_STEP = 0.04
 # Rates that browsers play, and the step of the waveform, seconds.
 _SOUND_RATES = (8000.0, 48000.0)
 _WAVEFORM_STEP = 0.002
@@ -222,6 +231,7 @@ def write_page(
     }
     positions = [np.asarray(each.at(times)) for *_, each in points]
     movement: MainShapes | None = None
+    largest_error = 0.0
     if rig is not None:
         values = [sample_parameters(head, times, rig, phones) for head in heads.values()]
         values = values or [np.zeros((count, len(rig.parameter_names)))]
@@ -230,13 +240,16 @@ def write_page(
         # The page moves the head itself: turning every vertex would take many shapes.
         still = replace(life, turns=np.zeros_like(life.turns), shifts=np.zeros_like(life.shifts))
 
-        def get_vertices(number: int) -> FloatArray:
+        def get_vertices(number: int, contact: bool) -> FloatArray:
             head, frame = divmod(number, count)
-            return deform_face(rig, lively, values[head][frame], still, frame)
+            parameters = values[head][frame]
+            return deform_face(rig, lively, parameters, still, frame, contact=contact)
 
         lighting = Lighting(rig.mesh)
-        movement, light = _compute_shapes(get_vertices, lighting, count * len(values), progress)
-        record["mesh"] = _to_mesh(rig.mesh, lighting, movement, light)
+        total = count * len(values)
+        movement, light, contact = _compute_shapes(get_vertices, lighting, total, progress)
+        record["mesh"] = _to_mesh(rig.mesh, lighting, movement, light) | {"contact": contact}
+        largest_error = movement.largest_error + 0.5 * float(np.sqrt(3.0)) * _CONTACT_STEP
         record["mesh"]["neck"] = {
             **lively.describe(),
             "turns": _pack(life.turns, "float32"),
@@ -257,35 +270,52 @@ def write_page(
         rate,
         count,
         0 if movement is None else len(movement.shapes.steps),
-        0.0 if movement is None else movement.largest_error,
+        largest_error,
         sound is not None,
     )
 
 
 def _compute_shapes(
-    get_vertices: Callable[[int], FloatArray],
+    get_vertices: Callable[[int, bool], FloatArray],
     lighting: Lighting,
     frames: int,
     progress: Callable[[int, int], object] | None,
-) -> tuple[MainShapes, MainShapes]:
-    """Return the main shapes of a movement, and of the light that reaches the vertices."""
+) -> tuple[MainShapes, MainShapes, dict[str, Any]]:
+    """Return the main shapes of a movement and of its light, and what contact moves besides.
 
-    def list_frames(numbers: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-        shapes = [get_vertices(number) for number in numbers]
-        return np.stack(shapes), np.stack([lighting.compute_reaching(each) for each in shapes])
+    Contact moves few vertices, suddenly, each in its way: no few shapes would do for it.
+    """
+
+    def list_frames(numbers: Sequence[int]) -> tuple[FloatArray, Single, FloatArray]:
+        smooth = np.stack([get_vertices(number, False) for number in numbers])
+        drawn = np.stack([get_vertices(number, True) for number in numbers])
+        reaching = np.stack([lighting.compute_reaching(each) for each in drawn])
+        return smooth, reaching, drawn - smooth
 
     sampled = np.unique(np.linspace(0, frames - 1, min(frames, _SAMPLED)).round().astype(int))
-    vertices, reaching = list_frames(sampled.tolist())
-    movement = MainShapesBuilder(vertices, _MOVEMENT_TOLERANCE)
+    smooth, reaching, _ = list_frames(sampled.tolist())
+    movement = MainShapesBuilder(smooth, _MOVEMENT_TOLERANCE)
     light = MainShapesBuilder(reaching, _LIGHT_TOLERANCE, bits=8)
+    touching: list[tuple[IndexArray, NDArray[np.int16]]] = []
     for first in range(0, frames, _AT_ONCE):
         numbers = range(first, min(first + _AT_ONCE, frames))
-        vertices, reaching = list_frames(numbers)
-        movement.add(vertices)
+        smooth, reaching, moved = list_frames(numbers)
+        movement.add(smooth)
         light.add(reaching)
+        steps = np.rint(moved / _CONTACT_STEP).astype(np.int16)
+        ids = np.flatnonzero(steps.any(axis=(0, 2)))
+        touching.append((ids, steps[:, ids]))
         if progress is not None:
             progress(numbers.stop, frames)
-    return movement.build(), light.build()
+    every = np.unique(np.concatenate([ids for ids, _ in touching]))
+    contact = np.zeros((frames, len(every), 3), dtype=np.int16)
+    for number, (ids, steps) in enumerate(touching):
+        rows = slice(number * _AT_ONCE, number * _AT_ONCE + len(steps))
+        contact[rows, np.searchsorted(every, ids)] = steps
+    # From frame to frame there are fewer different numbers.
+    changes = np.diff(contact, axis=0, prepend=np.int16(0))
+    packed = {"vertices": _pack(every, "int32"), "moves": _pack(changes, "int16", _CONTACT_STEP)}
+    return movement.build(), light.build(), packed
 
 
 def _find_extent(

@@ -87,7 +87,13 @@ class _Heads:
 
 
 def deform_face(
-    rig: Rig, lively: LivelyFace, values: FloatArray, life: Liveliness, number: int
+    rig: Rig,
+    lively: LivelyFace,
+    values: FloatArray,
+    life: Liveliness,
+    number: int,
+    *,
+    contact: bool = True,
 ) -> FloatArray:
     """Return the vertices of a face as they are drawn: all that moves them is done here.
 
@@ -103,13 +109,17 @@ def deform_face(
         Blinks and head motion of all frames.
     number
         Number of the frame, from 0.
+    contact
+        False for what it would be if lips, teeth and tongue could pass through each other.
 
     Returns
     -------
     ndarray
         Positions, ``(vertices, 3)``, millimetres.
     """
-    vertices = resolve_contact(rig.deform(values), rig.mesh)
+    vertices = rig.deform(values)
+    if contact:
+        vertices = resolve_contact(vertices, rig.mesh)
     blink = float(life.blinks[number])
     return lively.move(vertices, blink, life.turns[number], life.shifts[number])
 

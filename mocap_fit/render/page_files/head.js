@@ -14,7 +14,6 @@ class Blend {
     this.parts = Array.from({ length: this.size }, (_, k) =>
       Float32Array.from(this.moving, (i) => shapes[k * count + i] * shapes.scale));
     this.sum = new Float32Array(this.moving.length);
-    this.values.set(this.rest);
   }
 
   // A frame of a head; a number between two frames is between them.
@@ -25,13 +24,13 @@ class Blend {
     const a = (head * frames + low) * this.size, b = (head * frames + high) * this.size;
     const { values, weights, moving, rest, sum } = this;
     sum.fill(0);
-    // What the head's motion has moved since.
-    if (this.isMoved) values.set(rest);
     this.parts.forEach((part, k) => {
       const weight = (1 - share) * weights[a + k] + share * weights[b + k];
       for (let i = 0; i < sum.length; i++) sum[i] += weight * part[i];
     });
-    for (let i = 0; i < moving.length; i++) values[moving[i]] = rest[moving[i]] + sum[i];
+    // Contact and the head's motion have moved others since.
+    values.set(rest);
+    for (let i = 0; i < moving.length; i++) values[moving[i]] += sum[i];
     return values;
   }
 }
@@ -45,13 +44,28 @@ class Face {
     this.reach = this.light.values;
     this.normals = new Float32Array(this.vertices.length);
     this.count = this.vertices.length / 3;
+    // Written as changes from frame to frame.
+    const moves = mesh.contact.moves, size = 3 * mesh.contact.vertices.length;
+    for (let i = size; i < moves.length; i++) moves[i] += moves[i - size];
   }
 
   pose(head, frame, frames) {
     this.movement.compute(head, frame, frames);
     this.light.compute(head, frame, frames);
+    this.touch(head, frame, frames);
     this.moveHead(frame, frames);
     this.computeNormals();
+  }
+
+  // What contact moves: lips, tongue.
+  touch(head, frame, frames) {
+    const { vertices: ids, moves } = this.mesh.contact, p = this.vertices, count = 3 * ids.length;
+    const low = Math.min(Math.floor(frame), frames - 1), high = Math.min(low + 1, frames - 1);
+    const a = (head * frames + low) * count, b = (head * frames + high) * count;
+    for (let i = 0; i < count; i++) {
+      const move = moves[a + i] + (frame - low) * (moves[b + i] - moves[a + i]);
+      p[3 * ids[(i / 3) | 0] + i % 3] += moves.scale * move;
+    }
   }
 
   // The head turns about its joint, less down the neck, and shifts.
@@ -78,7 +92,6 @@ class Face {
       p[i + 1] += share * (r[3] * a + r[4] * b + r[5] * d) + shift[1];
       p[i + 2] += share * (r[6] * a + r[7] * b + r[8] * d) + shift[2];
     }
-    this.movement.isMoved = true;
   }
 
   computeNormals() {
