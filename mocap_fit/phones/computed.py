@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 import functools
 import unicodedata
 from collections.abc import Mapping, Sequence
+from importlib import resources
 from typing import Any
 
 from mocap_fit.errors import MissingExtraError
@@ -61,11 +63,11 @@ def compute_phone(symbol: str) -> Phone | None:
     symbol = unicodedata.normalize("NFC", text)
     marks = set(text)
     text = text.translate(_LEFT_OUT)
-    parts = list(table.ipa_segs(text))
+    parts = _split_sounds(text, table)
     # A tone by itself is no sound.
-    if not 1 <= len(parts) <= 2 or "".join(parts) != text or not text[0].isalpha():
+    if not 1 <= len(parts) <= 2 or not text[0].isalpha():
         return None
-    sounds = [(part, table.fts(part)) for part in parts]
+    sounds = [(part, table[part]) for part in parts]
     if sounds[0][1]["syl"] == 1 and sounds[0][1]["cons"] == -1:
         # The second part of a diphthong may be written as not syllabic.
         if any(sound["cons"] == 1 or sound["hi"] == 0 for _, sound in sounds):
@@ -94,9 +96,34 @@ def _create_phone(symbol: str, kind: PhoneClass, values: dict[str, float]) -> Ph
     return Phone(symbol, kind, values, ipa=(symbol,), takes_stress=kind == "vowel")
 
 
+def _split_sounds(text: str, table: Mapping[str, object]) -> list[str]:
+    """Split a text into sounds of the table, the longest first; empty where that cannot be done."""
+    parts = []
+    while text:
+        length = next((n for n in range(len(text), 0, -1) if text[:n] in table), 0)
+        if not length:
+            return []
+        parts.append(text[:length])
+        text = text[length:]
+    return parts
+
+
 @functools.lru_cache(maxsize=1)
-def _load_feature_table() -> Any:
-    return import_panphon().FeatureTable()
+def _load_feature_table() -> dict[str, dict[str, int]]:
+    """Return the features of all sounds of panphon, 1, 0 or -1, by their letters in NFD.
+
+    The file is read here because `panphon.FeatureTable` takes more than a second for it.
+    """
+    file = resources.files(import_panphon()) / "data" / "ipa_all.csv"
+    signs = {"+": 1, "0": 0, "-": -1}
+    with file.open(encoding="utf-8", newline="") as stream:
+        _, *names = next(rows := csv.reader(stream))
+        return {
+            unicodedata.normalize("NFD", letters): dict(
+                zip(names, map(signs.__getitem__, row), strict=True)
+            )
+            for letters, *row in rows
+        }
 
 
 def import_panphon() -> Any:

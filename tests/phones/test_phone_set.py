@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import itertools
 import json
 import pickle
 import re
@@ -23,7 +24,7 @@ from mocap_fit.phones import (
     list_phone_sets,
     load_phone_set,
 )
-from mocap_fit.phones.computed import _load_feature_table
+from mocap_fit.phones.computed import _load_feature_table, _split_sounds
 
 TABLES = ("cs-ipa", "cs-sampa", "en-arpabet", "sv-sta")
 SETS = {name: load_phone_set(name) for name in TABLES}
@@ -284,6 +285,19 @@ def test_retroflex_sibilants_are_rounded_as_in_swedish(ipa, label):
     swedish, computed = SETS["sv-sta"].get_phone("2S").values, ipa.get_phone(label).values
     for name in ("rounded", "protruded", "retroflex", "alveolar"):
         assert computed[name] == swedish[name]
+
+
+@pytest.mark.slow
+def test_the_table_is_that_of_panphon():
+    import panphon
+
+    table, peer = _load_feature_table(), panphon.FeatureTable()
+    assert table == {letters: dict(sound.data) for letters, sound in peer.segments}
+    letters = [chr(c) for c in range(0x250, 0x2B0)] + list("abkptsʰʲː\u0303")
+    words = ["".join(chosen) for chosen in itertools.product(letters, repeat=2)]
+    for word in words:
+        parts = peer.ipa_segs(word)
+        assert _split_sounds(word, table) == (parts if "".join(parts) == word else [])
 
 
 def test_sounds_that_panphon_has_elsewhere(ipa):
