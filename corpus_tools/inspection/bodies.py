@@ -25,7 +25,6 @@ _BAD = 2.0
 RADIUS = 1.7
 """Of a marker, millimetres."""
 
-_LIGHT = np.array([0.4, 0.5, 0.77])
 MOST_DIFFERENT = 4.0
 """Millimetres: a difference of this is drawn red."""
 # Millimetres: no difference.
@@ -72,7 +71,7 @@ class Shapes:
             "cube": 0.85 * points / np.abs(points).max(axis=1, keepdims=True),
             "octahedron": 1.5 * points / np.abs(points).sum(axis=1, keepdims=True),
         }
-        self._shade = 0.62 + 0.38 * (points @ _LIGHT)
+        self._normals = points
         triangles = np.asarray(ball.regular_faces, dtype=np.int64)
         every = (triangles + len(points) * np.arange(count)[:, None, None]).reshape(-1, 3)
         self._surface = Surface(plotter, np.zeros((count * len(points), 3)), every)
@@ -83,6 +82,7 @@ class Shapes:
         radii: FloatArray,
         colours: NDArray[np.uint8],
         forms: Sequence[str],
+        light: FloatArray,
     ) -> None:
         """Move and colour them; one at NaN is not visible.
 
@@ -96,6 +96,8 @@ class Shapes:
             Red, green and blue, ``(points, 3)``.
         forms
             ``ball``, ``cube`` or ``octahedron``, one for each.
+        light
+            Direction to the light, ``(3,)``, no unit.
         """
         there = np.asarray(np.isfinite(positions).all(axis=1))
         middle = positions[there].mean(axis=0) if there.any() else np.zeros(3)
@@ -103,7 +105,8 @@ class Shapes:
         sizes = np.where(there, radii, 0.0)
         shape = np.stack([self._forms[form] for form in forms])
         vertices = centres[:, None] + sizes[:, None, None] * shape
-        shaded = self._shade[None, :, None] * colours[:, None, :]
+        shade = 0.62 + 0.38 * (self._normals @ light)
+        shaded = shade[None, :, None] * colours[:, None, :]
         self._surface.update(
             vertices.reshape(-1, 3), np.clip(shaded, 0, 255).astype(np.uint8).reshape(-1, 3)
         )

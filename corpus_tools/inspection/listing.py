@@ -52,7 +52,7 @@ def list_tabs(window: Window) -> dict[str, str]:
 
 
 def choose_tab(window: Window) -> str:
-    """Choose the list that says most: the first, or the parameters where there is no finding.
+    """Choose the list that says most: the first that is not empty.
 
     Parameters
     ----------
@@ -65,8 +65,8 @@ def choose_tab(window: Window) -> str:
         Its name.
     """
     tabs = list_tabs(window)
-    first = next(iter(tabs))
-    return "parameters" if tabs[first] in ("0", "?") and "parameters" in tabs else first
+    says = [name for name, count in tabs.items() if count not in ("0", "?")]
+    return says[0]
 
 
 def fill_panel(window: Window) -> None:

@@ -24,12 +24,16 @@ from corpus_tools.inspection.bodies import (
 from corpus_tools.inspection.material import Material
 from mocap_fit.errors import DataError
 from mocap_fit.fitting.coordinates import locate_expected
-from mocap_fit.render.framing import VIEW_ANGLE, frame_face
+from mocap_fit.render.framing import DIRECTIONS, VIEW_ANGLE, frame_face
 from mocap_fit.render.sampling import sample_parameters
 from mocap_fit.tracks import FloatArray, MarkerTracks, Origin
 from mocap_fit.tracks.rigid import estimate_rigid_transform, estimate_similarity_transform
 
 StageView = Literal["front", "three-quarter", "side", "top"]
+# From the middle to the camera.
+_DIRECTIONS = {name: np.array(each) for name, each in DIRECTIONS.items()} | {
+    "top": np.array([0.0, 1.0, 0.02])
+}
 # Millimetres: heads that are compared are this far from the middle.
 _ASIDE = 115.0
 VIEWS: tuple[StageView, ...] = ("front", "three-quarter", "side", "top")
@@ -205,25 +209,19 @@ class Stage:
         zoom
             Magnification, no unit: above 1 is closer.
         """
-        camera = self._plotter.camera
-        if self.material.rig is not None and view != "top":
-            framed = frame_face(self.material.rig.mesh, view, zoom * self.zoom)
-            target, position = framed.target, framed.position
-            up: tuple[float, ...] = (0.0, 1.0, 0.0)
+        camera, rig = self._plotter.camera, self.material.rig
+        direction, up = (
+            _DIRECTIONS[view],
+            np.array([0.0, 0.0, -1.0] if view == "top" else [0, 1, 0]),
+        )
+        if rig is not None:
+            framed = frame_face(rig.mesh, "front", zoom * self.zoom)
+            target, distance = framed.target, np.linalg.norm(framed.position - framed.target)
         else:
-            target, size = self._middle, self._extent
-            away = {
-                "front": (0.0, 0.02, 1.0),
-                "three-quarter": (0.68, 0.04, 0.8),
-                "side": (1.0, 0.02, 0.05),
-                "top": (0.0, 1.0, 0.02),
-            }[view]
-            up = (0.0, 0.0, -1.0) if view == "top" else (0.0, 1.0, 0.0)
-            direction = np.array(away)
-            if self.material.rig is None:
-                direction, up = self._turn_to_recording(direction, np.array(up))
-            distance = 0.62 * size / np.tan(np.radians(VIEW_ANGLE) / 2) / zoom
-            position = target + direction / np.linalg.norm(direction) * distance
+            target = self._middle
+            distance = 0.56 * self._extent / np.tan(np.radians(VIEW_ANGLE) / 2) / zoom
+            direction, up = (each @ self._find_axes() for each in (direction, up))
+        position = target + direction / np.linalg.norm(direction) * distance
         camera.focal_point, camera.position, camera.up = target, position, up
         camera.view_angle = VIEW_ANGLE
         self._limit_depth()
@@ -233,6 +231,12 @@ class Stage:
         camera = self._plotter.camera
         right = np.cross(camera.GetDirectionOfProjection(), camera.GetViewUp())
         return np.asarray(right / np.linalg.norm(right))
+
+    def _get_light(self) -> FloatArray:
+        """Return the direction to the light, above the camera at its right, ``(3,)``."""
+        camera = self._plotter.camera
+        back, up = -np.array(camera.GetDirectionOfProjection()), np.array(camera.GetViewUp())
+        return np.asarray(0.4 * self._get_right() + 0.5 * up + 0.77 * back)
 
     def zoom_in(self, factor: float) -> None:
         """Move the camera.
@@ -264,19 +268,18 @@ class Stage:
         low, high = points.min(axis=0), points.max(axis=0)
         return 0.5 * (low + high), float((high - low).max())
 
-    def _turn_to_recording(
-        self, direction: FloatArray, up: FloatArray
-    ) -> tuple[FloatArray, tuple[float, ...]]:
-        """Return a direction where z points up and the face looks along the flattest axis."""
+    def _find_axes(self) -> FloatArray:
+        """Return axes where z points up and the face looks along the flattest one, ``(3, 3)``."""
         assert self._tracks is not None
         middle = np.nanmedian(self._tracks.positions, axis=0)
         middle = middle[np.isfinite(middle).all(axis=1)]
-        flat = np.linalg.svd(middle - middle.mean(axis=0))[2][-1] if len(middle) > 3 else up
-        flat = np.array([flat[0], flat[1], 0.0])
-        flat = flat / np.linalg.norm(flat) if np.linalg.norm(flat) > 0.3 else np.array([0, 1.0, 0])
+        flat = np.array([0.0, 1.0, 0.0])
+        if len(middle) > 3:
+            least = np.linalg.svd(middle - middle.mean(axis=0))[2][-1]
+            level = np.array([least[0], least[1], 0.0])
+            flat = level / np.linalg.norm(level) if np.linalg.norm(level) > 0.3 else flat
         vertical = np.array([0.0, 0.0, 1.0])
-        axes = np.stack([np.cross(vertical, flat), vertical, flat])
-        return direction @ axes, tuple(up @ axes)
+        return np.stack([np.cross(vertical, flat), vertical, flat])
 
     def project(self, points: FloatArray, size: tuple[int, int]) -> FloatArray:
         """Project points to the picture of the stage.
@@ -359,11 +362,13 @@ class Stage:
             colours[self._is_head] = HEAD_MARKER
             colours[[form == "cube" for form in forms]] = FILLED
             colours[[form == "octahedron" for form in forms]] = DROPPED
-            radii = np.full(len(self.names), RADIUS)
+            # A body has larger markers than a face.
+            radius = RADIUS if self.material.rig is not None else max(RADIUS, self._extent / 130)
+            radii = np.full(len(self.names), radius)
             if self.picked in self.names:
                 index = self.names.index(self.picked)
-                colours[index], radii[index] = PICKED, 1.7 * RADIUS
-            self._shapes.update(positions, radii, colours, forms)
+                colours[index], radii[index] = PICKED, 1.7 * radius
+            self._shapes.update(positions, radii, colours, forms, self._get_light())
         self._limit_depth()
 
     def _locate_markers(
@@ -416,7 +421,8 @@ class Stage:
         colours = colour_residuals(self.residuals)
         self._lines.update(virtual, virtual + self.stretch * (measured - virtual), colours)
         white = np.array([VIRTUAL] * len(virtual), dtype=np.uint8)
-        self._dots.update(virtual, np.full(len(virtual), 0.8), white, ["ball"] * len(virtual))
+        balls = ["ball"] * len(virtual)
+        self._dots.update(virtual, np.full(len(virtual), 0.8), white, balls, self._get_light())
         missing = np.isnan(measured).any(axis=1)
         positions[self._of_names[missing]] = virtual[missing]
         if self.stretch != 1.0:

@@ -1,31 +1,13 @@
 """What is gathered for the eyes: of a recording, a fit, a layout, an utterance."""
 
-import shutil
-
 import numpy as np
 import pytest
 
-import mocap_fit as mf
 from corpus_tools.inspection.gather import gather
 from corpus_tools.inspection.sources import Sources
 from mocap_fit.edits import DropMarker, Relabel, start_edits, write_edits
 from mocap_fit.errors import MocapFitError
 from mocap_fit.tracks import write_parquet
-
-TAKE = "take_01.tsv"
-
-
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("takes")
-    for name in ("rest", "take_01", "take_01.TextGrid", "take_01.wav"):
-        shutil.copy(mf.load_sample(name), folder)
-    return folder / TAKE
-
-
-@pytest.fixture(scope="module")
-def material(recording):
-    return gather(recording)
 
 
 def test_a_recording_comes_with_all_that_is_beside_it(material):
@@ -56,7 +38,7 @@ def test_an_edit_list_beside_the_recording_is_applied(recording):
     edits = start_edits(recording).add(
         DropMarker(marker="fold_left"), Relabel(time=0.9, phone="O", former="A")
     )
-    list_file = recording.with_name(f"{TAKE}.edits.toml")
+    list_file = recording.with_name(f"{recording.name}.edits.toml")
     write_edits(edits, list_file)
     mended = gather(recording)
     list_file.unlink()

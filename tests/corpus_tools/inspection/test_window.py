@@ -9,34 +9,19 @@ import numpy as np
 import pytest
 
 import corpus_tools
-import mocap_fit as mf
 from corpus_tools.inspection.gather import gather
 from corpus_tools.inspection.sources import Sources
 from corpus_tools.inspection.window import Window
 from mocap_fit.edits import MoveBoundary, Relabel, Swap, read_edits
 from mocap_fit.errors import ConfigurationError, MissingExtraError
 
-TAKE = "take_01.tsv"
 # The slow test runs all others once more, on a screen.
 OFF_SCREEN = "MOCAP_FIT_ON_SCREEN" not in os.environ
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("takes")
-    for name in ("rest", "take_01", "take_01.TextGrid", "take_01.wav"):
-        shutil.copy(mf.load_sample(name), folder)
-    return folder / TAKE
-
-
-@pytest.fixture(scope="module")
-def material(recording):
-    return gather(recording)
-
-
-@pytest.fixture(scope="module")
 def open_window(material):
-    window = Window(material, sources=Sources(), size=(1000, 700), off_screen=OFF_SCREEN)
+    window = Window(material, sources=Sources(), size=(720, 520), off_screen=OFF_SCREEN)
     yield window
     window.close()
 
@@ -98,13 +83,13 @@ def test_keys_of_vtk_do_nothing(window):
 
 
 def test_a_drag_over_curves_selects_and_a_click_puts_the_cursor(window):
-    start, end = locate(window, "parameter", 0.5), locate(window, "parameter", 1.5)
+    start, end = locate(window, "waveform", 0.5), locate(window, "waveform", 1.5)
     window.drag(*start, *end)
     assert window.line.selection == pytest.approx((0.5, 1.5), abs=0.01)
     window.press("n", ctrl=True)
     assert (window.line.start, window.line.end) == window.line.selection
     window.press("a", ctrl=True)
-    window.pick(*locate(window, "parameter", 2.0))
+    window.pick(*locate(window, "waveform", 2.0))
     assert window.line.selection is None
     assert window.line.cursor == pytest.approx(2.0, abs=0.01)
 
@@ -117,7 +102,7 @@ def test_a_click_on_a_phone_selects_it(window):
 
 
 def test_a_marker_is_picked_with_the_mouse_and_described(window):
-    window.pick(*locate(window, "parameter", 1.25))
+    window.pick(*locate(window, "waveform", 1.25))
     _, _, width, height = window.areas["stage"]
     index = window.stage.names.index("chin_mid")
     x, y = window.stage.project(window.stage.positions[index][None], (width, height))[0]
@@ -163,13 +148,14 @@ def test_the_head_moves_with_its_motion_where_wanted(window):
 
 
 def test_an_edit_is_undone_redone_and_saved(window, recording):
-    window.drag(*locate(window, "parameter", 0.5), *locate(window, "parameter", 1.0))
+    window.drag(*locate(window, "waveform", 0.5), *locate(window, "waveform", 1.0))
     window.stage.picked = "lip_upper_mid"
     window.press("x")
-    click_item(window, "lip_lower_mid")
+    other = window.panel.choice.fitting[1]
+    click_item(window, other)
     (edit,) = window.mending.edits.edits
     assert isinstance(edit, Swap)
-    assert edit.markers == ("lip_upper_mid", "lip_lower_mid")
+    assert edit.markers == ("lip_upper_mid", other)
     assert (edit.start, edit.end) == pytest.approx((0.5, 1.0), abs=0.01)
     swapped = window.material.recording
     window.press("z", ctrl=True)
@@ -178,7 +164,7 @@ def test_an_edit_is_undone_redone_and_saved(window, recording):
     window.press("y", ctrl=True)
     assert window.material.recording.equals(swapped)
     window.press("s", ctrl=True)
-    file = recording.with_name(f"{TAKE}.edits.toml")
+    file = recording.with_name(f"{recording.name}.edits.toml")
     assert read_edits(file) == window.mending.edits
     file.unlink()
 
@@ -214,7 +200,7 @@ def test_what_cannot_be_done_is_said(window):
 
 
 def test_a_layout_has_every_name(window):
-    shown = Window(gather("face30-head5"), size=(900, 700), off_screen=OFF_SCREEN)
+    shown = Window(gather("face30-head5"), size=(720, 520), off_screen=OFF_SCREEN)
     assert shown.with_names
     assert set(shown.panel.tabs) == {"markers", "parameters", "keys"}
     assert len(np.unique(shown.capture().reshape(-1, 3), axis=0)) > 1000
@@ -224,7 +210,7 @@ def test_a_layout_has_every_name(window):
 def test_two_are_compared(material, window):
     head = material.heads["fit"]
     other = material.replace(heads={"fit": head.replace(values=head.values + 0.2)}, edits=None)
-    compared = Window(material, other, size=(900, 700), off_screen=OFF_SCREEN)
+    compared = Window(material, other, size=(720, 520), off_screen=OFF_SCREEN)
     difference = compared.strip.difference.values
     np.testing.assert_allclose(difference[np.isfinite(difference)], 0.2)
     assert compared.stage.compares
