@@ -122,7 +122,10 @@ class FaceScene:
         self._size = (int(size[0]), int(size[1]))
         self._finer = _FINER if smooth_edges and _FINER * max(size) <= _LARGEST else 1
         drawn_size = [self._finer * pixels for pixels in self._size]
-        plotter: Any = pyvista.Plotter(off_screen=True, window_size=drawn_size, lighting="none")
+        # A notebook must not show it.
+        plotter: Any = pyvista.Plotter(
+            off_screen=True, window_size=drawn_size, lighting="none", notebook=False
+        )
         plotter.set_background(_BACKGROUND)
         plotter.render_window.SetMultiSamples(0)
         # Nobody looks at the window itself.
@@ -135,9 +138,8 @@ class FaceScene:
         camera = frame_face(mesh, view, zoom, centre)
         plotter.camera.focal_point, plotter.camera.position = camera.target, camera.position
         plotter.camera.up, plotter.camera.view_angle = (0.0, 1.0, 0.0), VIEW_ANGLE
-        # `show` sets the window up; it must come before the first picture, and only once. A
-        # notebook must not show it as well.
-        plotter.show(auto_close=False, jupyter_backend="none")
+        # `show` sets the window up; it must come before the first picture, and only once.
+        plotter.show(auto_close=False)
         self._pixels = vtkUnsignedCharArray()
 
     def draw(self, vertices: ArrayLike | None = None, *, markers: ArrayLike | None = None) -> Image:
