@@ -116,14 +116,13 @@ def _load_feature_table() -> dict[str, dict[str, int]]:
     """
     file = resources.files(import_panphon()) / "data" / "ipa_all.csv"
     signs = {"+": 1, "0": 0, "-": -1}
-    with file.open(encoding="utf-8", newline="") as stream:
-        _, *names = next(rows := csv.reader(stream))
-        return {
-            unicodedata.normalize("NFD", letters): dict(
-                zip(names, map(signs.__getitem__, row), strict=True)
-            )
-            for letters, *row in rows
-        }
+    _, *names = next(rows := csv.reader(file.read_text(encoding="utf-8").splitlines()))
+    return {
+        unicodedata.normalize("NFD", letters): dict(
+            zip(names, map(signs.__getitem__, row), strict=True)
+        )
+        for letters, *row in rows
+    }
 
 
 def import_panphon() -> Any:
