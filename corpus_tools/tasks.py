@@ -34,3 +34,23 @@ def count_steps(progress: TaskProgress | None, task: str, total: int) -> Callabl
             progress(task, done, total)
 
     return advance
+
+
+def name_steps(progress: TaskProgress | None, task: str) -> Callable[[int, int], None] | None:
+    """Return a function to be called with the number of steps of a task that are done, and of all.
+
+    Parameters
+    ----------
+    progress
+        Called with the task, the number of steps done, and of all.
+    task
+        What is being done to what, such as ``drawing frames``.
+
+    Returns
+    -------
+    Callable or None
+        None where nobody watches.
+    """
+    if progress is None:
+        return None
+    return lambda done, total: progress(task, done, total)

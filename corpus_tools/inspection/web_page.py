@@ -8,7 +8,7 @@ import numpy as np
 
 from corpus_tools.inspection.material import Material, Path_, list_marks
 from corpus_tools.talking.speak_models import find_model
-from corpus_tools.tasks import TaskProgress, count_steps
+from corpus_tools.tasks import TaskProgress, name_steps
 from corpus_tools.validation.findings import Finding
 from mocap_fit.errors import ConfigurationError
 from mocap_fit.phones import load_phone_set
@@ -126,7 +126,6 @@ def write_material(
     )
     start = min(each.extent[0] for each in shown)
     end = max(each.extent[1] for each in shown)
-    steps = max(round((end - start) * material.rate), 1) * max(len(heads), 1)
     return write_page(
         path,
         rig,
@@ -139,7 +138,7 @@ def write_material(
         virtual=virtual,
         marks=[_to_mark(*mark) for mark in list_marks(material.findings, material.rate)],
         extent=(start, end) if moves else (0.0, 0.0),
-        progress=count_steps(progress, "drawing frames", steps),
+        progress=name_steps(progress, "drawing frames"),
     )
 
 

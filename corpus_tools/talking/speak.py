@@ -18,7 +18,7 @@ from corpus_tools.talking.measured import (
     read_phones_beside,
     read_pose,
 )
-from corpus_tools.tasks import TaskProgress, count_steps
+from corpus_tools.tasks import TaskProgress, name_steps
 from mocap_fit.atomic_file import check_existing, check_targets, make_folder
 from mocap_fit.control import ControlModel
 from mocap_fit.errors import ConfigurationError, DataError
@@ -276,7 +276,7 @@ def speak(
         "head_motion": is_alive if look.head is None else read_pose(look),
         "seed": look.seed,
         "extent": (start, end),
-        "progress": count_steps(progress, "drawing frames", frames),
+        "progress": name_steps(progress, "drawing frames"),
     }
     size: tuple[int, int] | None = None
     if is_page:
