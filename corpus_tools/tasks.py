@@ -36,7 +36,7 @@ def count_steps(progress: TaskProgress | None, task: str, total: int) -> Callabl
     return advance
 
 
-def name_steps(progress: TaskProgress | None, task: str) -> Callable[[int, int], None] | None:
+def name_steps(progress: TaskProgress | None, task: str) -> Callable[[int, int], object] | None:
     """Return a function to be called with the number of steps of a task that are done, and of all.
 
     Parameters

@@ -183,7 +183,12 @@ def _inspect(
         str | None,
         Argument(metavar="PATH", help="What it is compared with: another, or a model."),
     ] = None,
-    html: Annotated[Path | None, Option(help="A web page in one file, in its place.")] = None,
+    html: Annotated[
+        Path | None, Option(help="A web page in one file, in place of the window.")
+    ] = None,
+    between: Annotated[
+        str | None, Option(metavar="START-END", help="Seconds: the part that is on the page.")
+    ] = None,
     model: Annotated[
         list[str] | None,
         Option(metavar="FILE|NAME", help="A control model, shown beside; repeatable."),
@@ -240,6 +245,7 @@ def _inspect(
             path,
             other,
             html=html,
+            between=arguments.parse_between(between),
             models=model or (),
             screenshot=screenshot,
             movie=movie,

@@ -53,6 +53,7 @@ def inspect(
     other: _Path | None = None,
     *,
     html: _Path | None = None,
+    between: tuple[float, float] | None = None,
     models: Sequence[str] = (),
     screenshot: _Path | None = None,
     movie: _Path | None = None,
@@ -89,6 +90,8 @@ def inspect(
         what it says of the phones, where these are known.
     html
         A web page in one file, in place of the window.
+    between
+        Start and end of the part that is on the page, seconds; all by default, up to five minutes.
     models
         Files or names of control models, whose movements of the phones are shown too.
     screenshot
@@ -186,7 +189,7 @@ def inspect(
     elif other is not None:
         compared = gather(other, sources)
     if html is not None:
-        write_material(material, html, compared, progress)
+        write_material(material, html, compared, between, progress)
     if html is not None and not pictures:
         return Inspection(material, compared, tuple(wanted))
     if pictures:

@@ -74,6 +74,7 @@ def write_material(
     material: Material,
     path: Path_,
     other: Material | None = None,
+    between: tuple[float, float] | None = None,
     progress: TaskProgress | None = None,
 ) -> Page:
     """Write a page with all that was gathered.
@@ -86,6 +87,8 @@ def write_material(
         A name in ``.html``; an existing file is replaced.
     other
         What is shown beside it: its heads, and its markers.
+    between
+        Start and end of the part that is shown, seconds; all by default.
     progress
         Called with a task, the number of its steps done, and of all.
 
@@ -137,7 +140,7 @@ def write_material(
         markers=markers,
         virtual=virtual,
         marks=[_to_mark(*mark) for mark in list_marks(material.findings, material.rate)],
-        extent=(start, end) if moves else (0.0, 0.0),
+        extent=between or ((start, end) if moves else (0.0, 0.0)),
         progress=name_steps(progress, "drawing frames"),
     )
 

@@ -38,7 +38,6 @@ from mocap_fit.render.main_shapes import (
     Single,
     quantise,
 )
-from mocap_fit.render.movie import MAX_DURATION
 from mocap_fit.render.movie_file import cut_sound
 from mocap_fit.render.running_strip import select_moving
 from mocap_fit.render.sampling import sample_parameters
@@ -56,6 +55,8 @@ _SAMPLED, _AT_ONCE = 160, 32
 _MOVEMENT_TOLERANCE, _LIGHT_TOLERANCE = 0.04, 0.05
 # Millimetres: what contact moves is rounded to these.
 _CONTACT_STEP = 0.04
+# Seconds: what is longer is more than a browser holds.
+_MAX_DURATION = 300.0
 # Rates that browsers play, and the step of the waveform, seconds.
 _SOUND_RATES = (8000.0, 48000.0)
 _WAVEFORM_STEP = 0.002
@@ -187,8 +188,8 @@ def write_page(
     ConfigurationError
         If the face cannot blink.
     DataError
-        If a track does not belong to the face, the page would last longer than an hour, or there
-        is nothing to show.
+        If a track does not belong to the face, the page would last longer than five minutes, or
+        there is nothing to show.
     FileFormatError
         If the name does not end in ``.html``, or the file cannot be written.
     """
@@ -224,9 +225,13 @@ def write_page(
         "colours": CYCLE,
         "views": DIRECTIONS,
         "curves": list(select_moving(list(heads.values()), _CURVES)),
-        "phones": [[p.start, p.end, p.phone, p.word] for p in phones or ()],
-        "marks": [vars(mark) for mark in marks],
-        "tracks": [_to_track(label, head) for label, head in heads.items()],
+        "phones": [
+            [p.start, p.end, p.phone, p.word]
+            for p in phones or ()
+            if p.end > start and p.start < end
+        ],
+        "marks": [vars(mark) for mark in marks if mark.end >= start and mark.start <= end],
+        "tracks": [_to_track(label, head, start, end) for label, head in heads.items()],
         "sound": None if sound is None else _to_sound(sound),
     }
     positions = [np.asarray(each.at(times)) for *_, each in points]
@@ -328,11 +333,12 @@ def _find_extent(
     if sound is not None:
         starts, ends = [0.0], [*ends, sound.duration]
     start, end = extent or (min(starts, default=0.0), max(ends, default=0.0))
-    if end - start > MAX_DURATION:
+    if end - start > _MAX_DURATION:
         raise DataError(
-            "the page would last longer than an hour",
+            "the page would last longer than a browser can hold",
             found=f"{end - start:.0f} s",
-            advice="Check the start times, or take a part of the tracks (between).",
+            expected=f"at most {_MAX_DURATION:g} s",
+            advice="Take a part of it (--between, extent).",
         )
     return start, end
 
@@ -348,18 +354,18 @@ def _pack_quantised(values: Quantised) -> dict[str, Any]:
     return _pack(values.steps, str(values.steps.dtype), values.scale)
 
 
-def _to_track(label: str, tracks: ParameterTracks) -> dict[str, Any]:
-    deviations = tracks.standard_deviations
+def _to_track(label: str, tracks: ParameterTracks, start: float, end: float) -> dict[str, Any]:
+    times = tracks.times
+    part = slice(*np.searchsorted(times, [start - 1 / tracks.rate, end + 1 / tracks.rate]))
+    deviations, residuals = tracks.standard_deviations[part], tracks.residuals[part]
     return {
         "label": label,
         "names": tracks.names,
         "rate": tracks.rate,
-        "start": tracks.start_time,
-        "values": _pack(tracks.values, "float32"),
+        "start": float(times[part.start]) if part.stop > part.start else start,
+        "values": _pack(tracks.values[part], "float32"),
         "deviations": _pack(deviations, "float32") if np.isfinite(deviations).any() else None,
-        "residuals": (
-            _pack(tracks.residuals, "float32") if np.isfinite(tracks.residuals).any() else None
-        ),
+        "residuals": _pack(residuals, "float32") if np.isfinite(residuals).any() else None,
     }
 
 

@@ -118,16 +118,36 @@ def test_a_face_at_rest_makes_a_page(tmp_path):
     assert (page.frames, page.duration, page.shapes) == (1, 0.0, 0)
 
 
+def test_a_part_of_a_long_recording_makes_a_page(tmp_path):
+    phones = PhoneSequence(tuple(PhoneSegment(k, k + 1, str(k)) for k in range(600)))
+    marks = [Mark("early", 1.0, 2.0), Mark("there", 100.05, 100.05)]
+    tracks = moving(6000, 10.0)
+    page = write_page(
+        tmp_path / "part.html",
+        load_face(),
+        {"a": tracks},
+        phones=phones,
+        marks=marks,
+        extent=(100.0, 100.2),
+    )
+    record = read_record(page.path)
+    assert [phone[2] for phone in record["phones"]] == ["100"]
+    assert [mark["text"] for mark in record["marks"]] == ["there"]
+    assert (page.frames, record["first"]) == (2, pytest.approx(100.0))
+    assert record["tracks"][0]["start"] == pytest.approx(99.9)
+    assert record["tracks"][0]["values"]["shape"] == [4, 2]
+
+
 @pytest.mark.parametrize("name", ["page.htm", "page"])
 def test_names_of_other_files_are_refused(tmp_path, name):
     with pytest.raises(FileFormatError, match=r"a name in \.html"):
         write_page(tmp_path / name, load_face(), {})
 
 
-def test_pages_of_nothing_or_of_hours_are_refused(tmp_path):
+def test_pages_of_nothing_or_of_many_minutes_are_refused(tmp_path):
     with pytest.raises(DataError, match="neither a face nor a marker"):
         write_page(tmp_path / "a.html", None, {})
-    with pytest.raises(DataError, match="longer than an hour"):
+    with pytest.raises(DataError, match="at most 300 s"):
         write_page(tmp_path / "a.html", load_face(), {"a": moving(2, 1e-4)})
     strange = ParameterTracks(("brow_raise",), 30.0, np.zeros((2, 1)))
     with pytest.raises(DataError, match="no parameter brow_raise"):
