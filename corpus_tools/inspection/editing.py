@@ -26,6 +26,7 @@ from mocap_fit.edits import (
 from mocap_fit.fitting import suggest_reference
 from mocap_fit.labels import Label
 from mocap_fit.phones import load_phone_set
+from mocap_fit.tracks.rigid_sets import compute_median
 
 if TYPE_CHECKING:
     from corpus_tools.inspection.stage import StageView
@@ -170,9 +171,9 @@ def _swap(window: Window) -> None:
     if name is None or recording is None:
         return
     # The nearest are exchanged most often.
-    middle = np.nanmedian(recording.positions, axis=0)
+    middle = compute_median(recording.positions)
     apart = np.linalg.norm(middle - middle[recording.index(name)], axis=1)
-    nearest = [recording.names[k] for k in np.argsort(apart)]
+    nearest = [recording.names[k] for k in np.argsort(np.nan_to_num(apart, nan=np.inf))]
     # First, however, those that a finding names.
     others = [n for n in dict.fromkeys([*window.named, *nearest]) if n != name]
     start, end = _get_ends(window)

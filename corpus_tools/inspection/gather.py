@@ -37,6 +37,7 @@ from mocap_fit.labels.phone_labels import to_labels
 from mocap_fit.phones import load_phone_set
 from mocap_fit.sound import Sound, read_sound, synchronise
 from mocap_fit.tracks import MarkerTracks, ParameterTracks
+from mocap_fit.tracks.rigid_sets import compute_median
 
 # Frames: longer recordings are shown with a fit only where it is there already.
 _MOST_FITTED = 12_000
@@ -193,20 +194,27 @@ def gather_utterance(corpus: Corpus, name: str | None = None) -> Material:
     MocapFitError
         If there is no such utterance, or it cannot be read.
     """
+    if not corpus.utterances:
+        raise DataError("the corpus has no utterance to look at")
     utterance = corpus[name] if name is not None else corpus.utterances[0]
     assert utterance.folder is not None
-    rig = load_face(corpus.face)
-    layout = load_layout(corpus.layout)
+    notes = [utterance.text, *utterance.checks]
+    rig, layout = None, None
+    try:
+        rig, layout = load_face(corpus.face), load_layout(corpus.layout)
+    except MocapFitError as error:
+        notes.append(f"without {'markers' if rig else 'a face'}: {error.problem}")
     tracks, phones = utterance.read_tracks(), utterance.read_phones()
     sound = None if utterance.sound_file is None else read_sound(utterance.sound_file)
     recording = speaker = measured = None
     if (utterance.folder / "markers" / f"{utterance.id}.parquet").is_file():
         recording = utterance.read_markers()
+    if recording is not None and rig is not None and layout is not None:
         speaker, measured = _bring_utterance_to_face(recording, tracks, rig, layout)
     material = Material(
         title=f"{utterance.folder.name}: {utterance.id}",
         path=utterance.folder,
-        notes=tuple(filter(None, (utterance.text, *utterance.checks))),
+        notes=tuple(filter(None, notes)),
         rig=rig,
         heads={"fit": tracks},
         recording=recording,
@@ -253,7 +261,7 @@ def _bring_utterance_to_face(
     """
     distance = np.linalg.norm(tracks.values, axis=1) + 10.0 * (~recording.visible).sum(axis=1)
     chosen = np.argsort(np.where(np.isnan(distance), np.inf, distance))[:_REST_FRAMES]
-    values = np.nanmean(tracks.values[chosen], axis=0).clip(0.0, 1.0)
+    values = np.nan_to_num(compute_median(tracks.values[chosen])).clip(0.0, 1.0)
     settled = layout.model_copy(
         update={"reference_parameters": dict(zip(tracks.names, map(float, values), strict=True))}
     )

@@ -28,6 +28,7 @@ from mocap_fit.render.framing import DIRECTIONS, VIEW_ANGLE, frame_face
 from mocap_fit.render.sampling import sample_parameters
 from mocap_fit.tracks import FloatArray, MarkerTracks, Origin
 from mocap_fit.tracks.rigid import estimate_rigid_transform, estimate_similarity_transform
+from mocap_fit.tracks.rigid_sets import compute_median
 
 StageView = Literal["front", "three-quarter", "side", "top"]
 # From the middle to the camera.
@@ -82,6 +83,8 @@ class Stage:
         self._middle, self._extent = self._measure_middle()
 
     def _choose_heads(self) -> list[tuple[Material, str]]:
+        if self.material.rig is None:
+            return []
         shown = [(self.material, label) for label in self.material.heads]
         if self.other is not None:
             shown = shown[:1] + [(self.other, label) for label in self.other.heads]
@@ -271,7 +274,7 @@ class Stage:
     def _find_axes(self) -> FloatArray:
         """Return axes where z points up and the face looks along the flattest one, ``(3, 3)``."""
         assert self._tracks is not None
-        middle = np.nanmedian(self._tracks.positions, axis=0)
+        middle = compute_median(self._tracks.positions)
         middle = middle[np.isfinite(middle).all(axis=1)]
         flat = np.array([0.0, 1.0, 0.0])
         if len(middle) > 3:

@@ -16,6 +16,7 @@ from corpus_tools.inspection.time_line import TimeLine
 from corpus_tools.validation.findings import Finding
 from mocap_fit.render.running_strip import select_moving
 from mocap_fit.tracks import Origin, ParameterTracks
+from mocap_fit.tracks.rigid_sets import compute_median
 
 LEFT = 164
 """Pixels left of the time line, for names."""
@@ -131,7 +132,7 @@ class Strip:
         tracks = self.material.measured or self.material.recording
         if name is None or tracks is None or name not in tracks.names:
             return
-        away = tracks[name] - np.nanmedian(tracks[name], axis=0)
+        away = tracks[name] - compute_median(tracks[name])
         for axis, values in zip("xyz", away.T, strict=True):
             self.marker_curves[axis] = Curve(tracks.start_time, tracks.rate, values)
         traced = self.material.trace_residual(name)
