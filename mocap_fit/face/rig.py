@@ -277,6 +277,8 @@ def evaluate(compiled: CompiledRig, parameters: FloatArray) -> FloatArray:
     vertices = np.tile(compiled.rest, (*parameters.shape[:-1], 1, 1))
     for operation, kind in enumerate(compiled.kinds):
         value = parameters[..., compiled.parameters[operation], None, None]
+        if not value.any():
+            continue
         if kind == Kind.FIELD:
             vertices += value * compiled.fields[operation]
             continue
