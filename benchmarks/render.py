@@ -6,7 +6,8 @@ The built-in head at 640×640 pixels, front view, jaw and lips in smooth motion.
 
 - pyvista, a plotter a frame: what one writes first, with pyvista's own lights and anti-aliasing
 - pyvista, one plotter: set up once, points moved, normals computed anew; else the same
-- FaceScene, and FaceScene with jagged edges: what `render_movie` draws with, deformation included
+- FaceScene, and FaceScene with jagged edges: what `render_movie` draws with, deformation and
+  contact included
 - render_movie, in one process and in two: a whole MP4 with sound, by the clock on the wall, without
   the start of the processes, which is told apart
 
@@ -28,6 +29,7 @@ from typing import Any
 import numpy as np
 
 from mocap_fit.face import load_face
+from mocap_fit.face.contact import resolve_contact
 from mocap_fit.render import FaceScene, render_movie, require_off_screen
 from mocap_fit.sound import Sound
 from mocap_fit.tracks import ParameterTracks
@@ -37,7 +39,7 @@ REAL_TIME = 25.0
 
 
 def movement(frames: int) -> ParameterTracks:
-    rig = load_face()
+    rig = load_face(tongue=True)
     times = np.arange(frames) / REAL_TIME
     values = np.zeros((frames, len(rig.parameter_names)))
     values[:, rig.parameter_names.index("jaw_rotation")] = 0.4 - 0.4 * np.cos(11 * times)
@@ -68,7 +70,7 @@ def plain_plotter() -> tuple[Any, list[tuple[Any, Any]]]:
 
 
 def plotter_a_frame(values: np.ndarray) -> None:
-    rig = load_face()
+    rig = load_face(tongue=True)
     for row in values:
         plotter, surfaces = plain_plotter()
         vertices = rig.deform(row)
@@ -79,7 +81,7 @@ def plotter_a_frame(values: np.ndarray) -> None:
 
 
 def one_plotter(values: np.ndarray) -> None:
-    rig = load_face()
+    rig = load_face(tongue=True)
     plotter, surfaces = plain_plotter()
     plotter.show(auto_close=False)
     for row in values:
@@ -93,10 +95,10 @@ def one_plotter(values: np.ndarray) -> None:
 
 
 def face_scene(values: np.ndarray, smooth: bool = True) -> None:
-    rig = load_face()
+    rig = load_face(tongue=True)
     with FaceScene(rig.mesh, size=SIZE, smooth_edges=smooth) as scene:
         for row in values:
-            scene.draw(rig.deform(row))
+            scene.draw(resolve_contact(rig.deform(row), rig.mesh))
 
 
 def timed(work: Callable[[np.ndarray], None], values: np.ndarray) -> tuple[float, float]:

@@ -27,8 +27,10 @@ from mocap_fit.tracks import FloatArray
 # Rotation and shift from rest.
 Pose = tuple[FloatArray, FloatArray]
 _SPACING = 0.8
-# Millimetres between surfaces that touch; what is nearer at rest may be as near.
-_LIPS_TO_TEETH, _LIP_TO_LIP, _TONGUE_TO_ALL = 0.3, 0.04, 0.3
+# Millimetres between surfaces that touch, of teeth to the upper and to the lower row; what is
+# nearer at rest may be as near. The edges of lower incisors are thinner than the grid.
+_LIPS_TO_TEETH, _TONGUE_TO_TEETH = (0.3, 0.3), (0.3, 0.6)
+_LIP_TO_LIP, _TONGUE_TO_LIP = 0.04, 0.3
 # How far lips and tongue are carried along with what is pushed: standard deviations, and the end.
 _LIP_SPREAD, _TONGUE_SPREAD, _END = 4.5, 6.0, 15.0
 # Millimetres: so deep lips are in each other may be left to exact distances.
@@ -37,7 +39,7 @@ _SHALLOW = 0.45
 _LONG = 3.0
 # Pressed lips come forwards by this share of what is pressed.
 _BULGE = 0.5
-_SMOOTH_ROUNDS, _ROUNDS = 2, 4
+_SMOOTH_ROUNDS, _ROUNDS, _TONGUE_ROUNDS = 2, 4, 8
 _SMALL, _SMALLEST = 0.02, 0.01
 
 
@@ -261,10 +263,10 @@ class Contact:
         fields = [jaw.for_tongue for jaw in self.jaws]
         normals = compute_normals(result[self.red], self.surfaces[2].triangles)
         points = result[tongue.vertices]
-        for number in range(_ROUNDS):
+        for number in range(_TONGUE_ROUNDS):
             pushes = tongue.push_off(points, poses, fields)
             gaps, ways = self.surfaces[2].measure(points[self.tip], result[self.red], normals)
-            pushes[self.tip] += np.maximum(_TONGUE_TO_ALL - gaps, 0.0)[:, None] * ways
+            pushes[self.tip] += np.maximum(_TONGUE_TO_LIP - gaps, 0.0)[:, None] * ways
             if np.abs(pushes).max() < _SMALL:
                 break
             points = points + (tongue.spread(pushes) if number == 0 else pushes)
@@ -357,7 +359,7 @@ def _prepare_contact(mesh: Mesh) -> Contact | None:
     if mesh.has_region("tongue"):
         ids = mesh.get_region("tongue")
         fields = [jaw.for_tongue for jaw in jaws]
-        tongue = _prepare_soft(mesh, ids, ids, _TONGUE_SPREAD, fields, _TONGUE_TO_ALL, apart=True)
+        tongue = _prepare_soft(mesh, ids, ids, _TONGUE_SPREAD, fields, _TONGUE_TO_TEETH, apart=True)
         depths = mesh.vertices[ids, 2]
         tip = np.flatnonzero(depths > depths.max() - 25.0)
         lower_parts.append(ids)
@@ -398,7 +400,7 @@ def _prepare_jaw(mesh: Mesh, row: tuple[str, str], *, upper: bool) -> _Jaw:
     )
     ids = np.unique(triangles)
     points = mesh.vertices[ids]
-    low, high = points.min(axis=0) - 5.0, points.max(axis=0) + 5.0
+    low, high = points.min(axis=0) - 3.0, points.max(axis=0) + 3.0
     # Between two nodes the middle of the face sees both sides alike.
     side = _SPACING * (math.ceil(max(-low[0], high[0]) / _SPACING) + 0.5)
     # Palate and floor go on behind, or the tongue would go round their ends.
@@ -424,7 +426,7 @@ def _prepare_soft(
     others: IndexArray,
     spread: float,
     fields: list[DistanceField],
-    clearance: float,
+    clearance: tuple[float, float],
     *,
     apart: bool = False,
 ) -> _Soft:
@@ -450,7 +452,15 @@ def _prepare_soft(
         points[samples[:, 1]] - points[samples[:, 0]]
     )
     gaps = np.array([field.sample(tested)[0] for field in fields])
-    return _Soft(touching, carried, shares, fading, samples, parts, np.minimum(gaps, clearance))
+    return _Soft(
+        touching,
+        carried,
+        shares,
+        fading,
+        samples,
+        parts,
+        np.minimum(gaps, np.array(clearance)[:, None]),
+    )
 
 
 def _list_samples(mesh: Mesh, vertices: IndexArray) -> tuple[IndexArray, FloatArray]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from mocap_fit.face.distance_field import locate_nearest
 from mocap_fit.face.mesh import IndexArray
@@ -30,11 +31,14 @@ class Surface:
         ``(triangles, 3)``, indices into its vertices.
     starts, around
         The triangles round vertex ``i`` are ``around[starts[i] : starts[i + 1]]``.
+    border
+        Whether a vertex is on the border of the surface, ``(vertices,)``.
     """
 
     triangles: IndexArray
     starts: IndexArray
     around: IndexArray
+    border: NDArray[np.bool_]
 
     @classmethod
     def from_triangles(cls, triangles: IndexArray, vertices: int) -> Surface:
@@ -54,7 +58,12 @@ class Surface:
         """
         corners = triangles.ravel()
         starts = np.concatenate([[0], np.cumsum(np.bincount(corners, minlength=vertices))])
-        return cls(np.ascontiguousarray(triangles), starts, np.argsort(corners, kind="stable") // 3)
+        around = np.argsort(corners, kind="stable") // 3
+        edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+        once, uses = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
+        border = np.zeros(vertices, dtype=bool)
+        border[once[uses == 1]] = True
+        return cls(np.ascontiguousarray(triangles), starts, around, border)
 
     def measure(
         self, points: FloatArray, vertices: FloatArray, normals: FloatArray, *, smooth: bool = False
@@ -83,8 +92,8 @@ class Surface:
         if smooth:
             gaps, ways = _measure_smoothly(points, vertices, normals, _WIDTH, _REACH)
         else:
-            around = (self.triangles, self.starts, self.around, _REACH)
-            gaps, ways = _measure_gaps(points, vertices, normals, *around)
+            about = (self.triangles, self.starts, self.around, self.border, _REACH)
+            gaps, ways = _measure_gaps(points, vertices, normals, *about)
         return gaps, ways
 
 
@@ -130,14 +139,16 @@ def compute_normals(points, triangles):  # type: ignore[no-untyped-def]
 
 
 @_njit
-def _measure_gaps(points, surface, normals, triangles, starts, around, reach):  # type: ignore[no-untyped-def]
+def _measure_gaps(  # type: ignore[no-untyped-def]
+    points, surface, normals, triangles, starts, around, border, reach
+):
     """Return signed distances of points from a surface, and what brings each onto it.
 
     Only the triangles round the two nearest vertices are looked at; infinite out of reach, and
     where the nearest point is on the edge of the surface.
     """
     gaps, ways = np.full(len(points), np.inf), np.zeros((len(points), 3))
-    off = np.empty(3)
+    off, on_border = np.empty(3), np.empty(_MOST, np.bool_)
     distances, alongs, directions = np.empty(_MOST), np.empty(_MOST), np.empty((_MOST, 3))
     for n in range(len(points)):
         p = points[n]
@@ -156,6 +167,10 @@ def _measure_gaps(points, surface, normals, triangles, starts, around, reach):  
             for t in around[starts[vertex] : min(starts[vertex + 1], starts[vertex] + _MOST // 2)]:
                 a, b, c = triangles[t]
                 u, v, w = locate_nearest(p, surface[a], surface[b], surface[c])
+                # All corners that take part in the nearest point are on the border.
+                on_border[count] = (
+                    (u < 1e-9 or border[a]) and (v < 1e-9 or border[b]) and (w < 1e-9 or border[c])
+                )
                 squared, size, along = 0.0, 0.0, 0.0
                 for k in range(3):
                     off[k] = p[k] - u * surface[a, k] - v * surface[b, k] - w * surface[c, k]
@@ -172,7 +187,7 @@ def _measure_gaps(points, surface, normals, triangles, starts, around, reach):  
         if count == 0:
             continue
         best = distances[:count].argmin()
-        if abs(alongs[best]) < 0.5 * distances[best]:
+        if on_border[best] or abs(alongs[best]) < 0.5 * distances[best]:
             continue
         gaps[n] = math.copysign(distances[best], alongs[best])
         # Where several are nearly as near, the way out is between theirs.

@@ -35,7 +35,8 @@ of the skin more exact, and with 9.15, the base of the nose, movements up and do
 the height of the lower face; all are read where the mesh has them. What a file itself has under
 ``[parameters]``, ``[weights.NAME]``, ``[points]`` or ``[follow]`` replaces the shipped
 entry of that name; ``[[transforms]]`` replaces all shipped ones, and then
-``[parameters]`` does too.
+``[parameters]`` does too. ``[tongue]`` holds the parameters, weights and transforms that
+``load_face(tongue=True)`` adds.
 """
 
 from __future__ import annotations
