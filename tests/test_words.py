@@ -29,7 +29,8 @@ VERBS = frozenset(
     annotate answer append apply approximate arrange assemble assert assign assimilate attach
     average
     backpropagate begin bend bind blend blink bound break bring broadcast build
-    calculate calibrate call cancel cap capture carry cast catch change check choose clamp clean clear
+    calculate calibrate call cancel cap capture carry cast catch change check choose clamp clean
+    clear
     clip clone close collect color colour combine compare compile complete compose compute
     concatenate configure connect consume continue convert convolve copy correct correlate count
     cover create crop cut cycle

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from mocap_fit.stereo import Camera, Cameras
+from mocap_fit.stereo.boards import Board, create_board
 from mocap_fit.stereo.bundle import CornerTable
 
 LENS = (-0.15, 0.08, 0.0, 0.0, 0.0)
@@ -72,3 +73,34 @@ def show_board() -> Callable[..., tuple[CornerTable, np.ndarray]]:
         return CornerTable(*map(np.concatenate, columns)), np.array(poses)
 
     return show
+
+
+SCALE, MARGIN = 60, 60
+
+
+def print_board(board: Board, margin: int = MARGIN) -> tuple[np.ndarray, np.ndarray]:
+    """The print of a board, 60 pixels a spacing, and where its corners are in it, in pixels."""
+    columns, rows = board.columns, board.rows
+    if board.marker:
+        gap = board.marker / board.spacing - 1 if board.kind == "aruco" else 0
+        size = [round((count + gap) * SCALE) + 2 * margin for count in (columns, rows)]
+        picture = create_board(board).generateImage(size, marginSize=margin)
+        shift = 0.0
+    elif board.kind == "chessboard":
+        y, x = np.mgrid[: rows * SCALE, : columns * SCALE] // SCALE
+        picture = np.pad(((x + y) % 2 * 255).astype(np.uint8), margin, constant_values=255)
+        shift = SCALE
+    else:
+        shift, size = 0.0, (board.points[:, :2].max(axis=0) / board.spacing * SCALE).astype(int)
+        picture = np.full((size[1] + 2 * margin, size[0] + 2 * margin), 255, dtype=np.uint8)
+        for point in board.points[:, :2] / board.spacing * SCALE + margin:
+            cv2.circle(picture, tuple(np.round(16 * point).astype(int)), 16 * 18, 0, -1, 16, 4)
+    corners = board.points[:, :2] / board.spacing * SCALE + margin + shift
+    # Squares meet between two pixels; circles are drawn round the middle of one.
+    corners = corners - 0.5 * (board.kind != "circles")
+    return 255 - picture if board.inverted else picture, corners
+
+
+@pytest.fixture(scope="session")
+def draw_board() -> Callable[..., tuple[np.ndarray, np.ndarray]]:
+    return print_board

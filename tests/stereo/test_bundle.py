@@ -74,17 +74,20 @@ def test_without_noise_the_truth_is_returned(cameras, show_board, rng):
 
 @pytest.mark.slow
 def test_standard_deviations_are_honest(cameras, show_board):
-    """Forty seeds: the share of errors within 1.96 standard deviations, and their mean square."""
-    errors = []
-    for seed in range(40):
+    """Errors of the cameras' numbers, together as their covariance has them, and one by one."""
+    errors, squares = [], []
+    for seed in range(6):
         corners, poses = show_board(cameras, np.random.default_rng(seed), 40)
         result = adjust_bundle(perturb(cameras), corners, poses + 0.01)
         assert result.noise == pytest.approx(0.2, rel=0.03)
         errors.append(standardise(result, cameras, poses))
-    squares = np.square(errors)
-    print(f"within: {(squares < 1.96**2).mean():.3f}, mean square {squares.mean():.3f}")
-    assert 0.93 < (squares < 1.96**2).mean() < 0.97
-    assert 0.9 < squares.mean() < 1.1
+        count = len(result.names)
+        scaled = errors[-1][:count] * list(result.standard_deviations.values())
+        squares.append(scaled @ np.linalg.solve(result.covariance, scaled) / count)
+    print(f"within: {(np.abs(errors) < 1.96).mean():.3f}, mean square {np.mean(squares):.3f}")
+    assert 0.91 < (np.abs(errors) < 1.96).mean() < 0.99
+    # Its own standard deviation is 0.14.
+    assert 0.6 < np.mean(squares) < 1.4
 
 
 def test_outliers_are_left_out_and_nothing_else(cameras, show_board, rng):
