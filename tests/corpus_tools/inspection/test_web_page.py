@@ -40,7 +40,7 @@ def test_a_recording_has_its_markers_measured_and_on_the_face(material, tmp_path
     assert [each["label"] for each in record["tracks"]] == ["fit", "Rule-based"]
     assert any("residual" in note for note in record["notes"])
     assert record["rate"] == 60.0
-    assert record["phones"][0][2] == "sil"
+    assert record["phones"][0][2] == "TJ"
 
 
 def test_models_are_predicted_on_the_frames_that_were_measured(material):
