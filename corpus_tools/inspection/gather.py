@@ -266,10 +266,13 @@ def _bring_utterance_to_face(
         update={"reference_parameters": dict(zip(tracks.names, map(float, values), strict=True))}
     )
     try:
-        still, _ = remove_head_motion(recording, names=[m.name for m in layout.head_markers])
-        pose = still.replace(positions=still.positions[chosen], origin=still.origin[chosen])
-        speaker = fit_speaker(rig, settled, pose)
-        return speaker, bring_to_face(speaker.remove_head_motion(recording)[0], speaker)
+        with warnings.catch_warnings():
+            # That the lips move in it is no surprise.
+            warnings.simplefilter("ignore", MocapFitWarning)
+            still, _ = remove_head_motion(recording, names=[m.name for m in layout.head_markers])
+            pose = still.replace(positions=still.positions[chosen], origin=still.origin[chosen])
+            speaker = fit_speaker(rig, settled, pose)
+            return speaker, bring_to_face(speaker.remove_head_motion(recording)[0], speaker)
     except MocapFitError:
         return None, None
 

@@ -88,10 +88,11 @@ class Choice:
 
     @property
     def fitting(self) -> list[str]:
-        """The names that begin with what was typed, then those that contain it."""
-        first = [name for name in self.options if name.startswith(self.typed)]
+        """What was typed, the names that begin with it, then those that contain it."""
         text = self.typed.casefold()
-        return first + [n for n in self.options if n not in first and text in n.casefold()]
+        fitting = [name for name in self.options if text in name.casefold()]
+        # False comes before true.
+        return sorted(fitting, key=lambda n: (n != self.typed, not n.startswith(self.typed)))
 
     def press(self, key: str) -> str | None:
         """Take a key.

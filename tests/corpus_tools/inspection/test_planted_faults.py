@@ -14,6 +14,7 @@ from corpus_tools.inspection.sources import Sources
 from corpus_tools.inspection.window import Window
 from mocap_fit.io import write_tracks
 from mocap_fit.labels import read_labels, write_labels
+from mocap_fit.tracks import read_parquet
 
 pytestmark = pytest.mark.slow
 
@@ -129,12 +130,37 @@ def test_convert_and_fit_take_the_edits(tmp_path):
     write_tracks(tracks.replace(positions=positions, origin=None), path)
     options = {"reference": tmp_path / "rest.tsv", "layout": "face30-head5"}
     corpus_tools.fit(path, out=tmp_path / "before", **options)
-    mend(path, "MF106", ["x", "Return"])
+    window = mend(path, "MF106", ["x", "Return"])
     corpus_tools.fit(path, out=tmp_path / "after", **options)
     before, after = (
-        mf.tracks.read_parquet(tmp_path / name / "take_01.parquet") for name in ("before", "after")
+        read_parquet(tmp_path / name / "take_01.parquet") for name in ("before", "after")
     )
     wrong = (before.times >= 1.0) & (before.times < 2.0)
     assert np.nanmedian(before.residuals[wrong]) > 4.0
     assert np.nanmedian(after.residuals[wrong]) < 0.6
     assert any(step.name == "edit" for step in after.provenance)
+    # A phone as well, and the recording as one of a session.
+    window = Window(gather(path), sources=Sources(), off_screen=True)
+    window.line.move_cursor(0.9)
+    for key in ("l", "O", "Return"):
+        window.press(key)
+    window.press("s", ctrl=True)
+    window.close()
+    session = tmp_path / "session"
+    for name, file in {
+        "recordings/take_01.tsv": path,
+        "recordings/take_01.tsv.edits.toml": path.with_name("take_01.tsv.edits.toml"),
+        "labels/take_01.TextGrid": path.with_suffix(".TextGrid"),
+        "sound/take_01.wav": path.with_suffix(".wav"),
+        "reference.tsv": tmp_path / "rest.tsv",
+    }.items():
+        (session / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(file, session / name)
+    report = corpus_tools.convert(
+        session, out=tmp_path / "corpus", phone_set="sv-sta", layout="face30-head5"
+    )
+    assert not report.errors
+    (utterance,) = mf.open_corpus(tmp_path / "corpus")
+    assert np.nanmedian(utterance.read_tracks().residuals) < 0.6
+    phones = utterance.read_phones()
+    assert phones[int(phones.at(np.array([0.9]))[0])].phone == "O"
