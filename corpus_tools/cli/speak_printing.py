@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from corpus_tools.cli import display
-from corpus_tools.talking.export import ExportReport
-from corpus_tools.talking.prepare_voices import VoicesReport
-from corpus_tools.talking.speak import SpeakReport
 from corpus_tools.talking.speak_models import describe_model
 from mocap_fit.evaluation.closure import CLOSED
+
+if TYPE_CHECKING:
+    from corpus_tools.talking.export import ExportReport
+    from corpus_tools.talking.prepare_voices import VoicesReport
+    from corpus_tools.talking.speak import SpeakReport
 
 
 def print_speech(report: SpeakReport) -> None:

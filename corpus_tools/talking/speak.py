@@ -6,6 +6,7 @@ import dataclasses
 import math
 import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,7 @@ from mocap_fit.atomic_file import check_existing, check_targets, make_folder
 from mocap_fit.control import ControlModel
 from mocap_fit.errors import ConfigurationError, DataError
 from mocap_fit.face import load_face
+from mocap_fit.face.contact import resolve_contact
 from mocap_fit.face.lips import has_lip_line
 from mocap_fit.face.rig import Rig
 from mocap_fit.phones import PhoneSequence, PhoneSet, list_phone_sets, load_phone_set
@@ -256,7 +258,10 @@ def speak(
     read = [wanted.labels, wanted.tracks, wanted.sound, wanted.phone_set, *models]
     read += [look.markers, look.head, look.reference, look.layout, look.face]
     check_targets([file], read)
-    speech, chosen = _collect(wanted, list(models), rig, progress)
+    with ThreadPoolExecutor(1) as beside:
+        # What drawing needs once, and compiles when it is the first time on a machine.
+        beside.submit(resolve_contact, rig.mesh.vertices, rig.mesh)
+        speech, chosen = _collect(wanted, list(models), rig, progress)
     start, end = _find_extent(speech, with_phones=bool(chosen))
     frames = max(math.ceil((end - start) * look.rate - 1e-6), 1)
     # Models are predicted for the middle of the time that a picture is seen.

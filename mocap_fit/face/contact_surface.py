@@ -14,7 +14,7 @@ from mocap_fit.face.distance_field import locate_nearest
 from mocap_fit.face.mesh import IndexArray
 from mocap_fit.tracks import FloatArray
 
-_njit: Any = numba.njit(cache=True, nogil=True)
+_njit: Any = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 # Millimetres: a surface is not seen from farther, and a smooth one is smoothed over such a width.
 _REACH, _WIDTH = 5.0, 1.8
 # Triangles round two vertices, at most; millimetres by which one may be farther than another.

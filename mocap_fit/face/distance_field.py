@@ -15,7 +15,7 @@ from scipy import ndimage
 from mocap_fit.face.mesh import IndexArray
 from mocap_fit.tracks import FloatArray
 
-_njit: Any = numba.njit(cache=True, nogil=True)
+_njit: Any = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 # Distances beyond this many spacings from the surface are counted in steps of the grid.
 _EXACT = 1.8
 

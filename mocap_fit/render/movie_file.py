@@ -276,8 +276,11 @@ class MovieFile:
         else:
             if self._sound is not None and len(self._sound.samples):
                 sound_file = self._folder / "sound.wav"
-                write_sound(_convert_for_aac(self._sound), sound_file)
+                sound = _convert_for_wav(self._sound)
+                write_sound(sound, sound_file)
                 command += ["-i", f"file:{sound_file}", "-c:a", "aac", "-b:a", "128k"]
+                if sound.rate not in _SOUND_RATES:
+                    command += ["-ar", f"{_SOUND_RATES[-1]}"]
             # The output of x264 depends on the number of threads: it is fixed, so that the same
             # pictures give the same bytes on every machine.
             command += ["-c:v", "libx264", "-preset", "veryfast", "-crf", "18", "-threads", "2"]
@@ -453,11 +456,11 @@ def cut_sound(sound: Sound, start: float, end: float) -> Sound:
     return sound.replace(samples=samples)
 
 
-def _convert_for_aac(sound: Sound) -> Sound:
-    """Return the sound at a rate that movies have, with one or two channels."""
+def _convert_for_wav(sound: Sound) -> Sound:
+    """Return the sound at a rate that a file can have, with one or two channels."""
     if sound.channels > 2:
         sound = sound.to_mono()
-    if sound.rate in _SOUND_RATES:
+    if sound.rate.is_integer():
         return sound
     rate = _SOUND_RATES[-1]
     return Sound(resample(sound.samples, sound.rate, rate), rate, name=sound.name)
