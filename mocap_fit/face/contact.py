@@ -29,7 +29,7 @@ Pose = tuple[FloatArray, FloatArray]
 _SPACING = 0.8
 # Millimetres between surfaces that touch, of teeth to the upper and to the lower row; what is
 # nearer at rest may be as near. The edges of lower incisors are thinner than the grid.
-_LIPS_TO_TEETH, _TONGUE_TO_TEETH = (0.3, 0.3), (0.3, 0.6)
+_LIPS_TO_TEETH, _TONGUE_TO_TEETH = (0.3, 0.3), (0.4, 0.6)
 _LIP_TO_LIP, _TONGUE_TO_LIP = 0.04, 0.3
 # How far lips and tongue are carried along with what is pushed: standard deviations, and the end.
 _LIP_SPREAD, _TONGUE_SPREAD, _END = 4.5, 6.0, 15.0
