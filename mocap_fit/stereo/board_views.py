@@ -38,7 +38,7 @@ _FAMILIES = (
     "DICT_APRILTAG_36h11",
 )
 
-Picture = NDArray[np.generic]
+Picture = NDArray[Any]
 IntArray = NDArray[np.int64]
 
 

@@ -24,8 +24,9 @@ if TYPE_CHECKING:
 INTRINSICS = ("fx", "fy", "cx", "cy")
 EXTRINSICS = ("rx", "ry", "rz", "tx", "ty", "tz")
 
-# The order of the derivatives of `Camera.differentiate`.
-_COLUMNS = (*EXTRINSICS, *INTRINSICS, *DISTORTION_TERMS)
+NUMBERS = (*EXTRINSICS, *INTRINSICS, *DISTORTION_TERMS)
+"""The numbers of a camera, in the order of the derivatives of `Camera.differentiate`."""
+
 # Standard deviations of the noise; of a million good corners three are farther away.
 _OUTLIER = 5.0
 # Corners of a board that determine its pose.
@@ -137,16 +138,16 @@ class Bundle:
             values = _read_numbers(camera)
             pairs = [
                 f"{name} {values[name]:.5g} ± {deviations[f'{camera.name} {name}']:.2g}"
-                for name in _COLUMNS
+                for name in NUMBERS
                 if f"{camera.name} {name}" in deviations
             ]
-            lines.append("  " + ", ".join(pairs))
+            lines += ["  " + ", ".join(pairs)] if pairs else []
         return "\n".join(lines)
 
 
 def _read_numbers(camera: Camera) -> dict[str, float]:
     numbers = (*camera.rotation, *camera.translation, *camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]])
-    return dict(zip(_COLUMNS, map(float, (*numbers, *camera.distortion[:5])), strict=True))
+    return dict(zip(NUMBERS, map(float, (*numbers, *camera.distortion[:5])), strict=True))
 
 
 def _replace_numbers(camera: Camera, changes: dict[str, float]) -> Camera:
@@ -173,7 +174,7 @@ class _Problem:
     corners
         Those to be explained; their views are 0 to the number of views less 1.
     free
-        The names of the free numbers of every camera, as `_COLUMNS` has them.
+        The names of the free numbers of every camera, as `NUMBERS` has them.
     """
 
     def __init__(
@@ -236,7 +237,7 @@ class _Problem:
             if not with_jacobian:
                 continue
             turned = np.einsum("nkij,nj->nik", slopes[view[rows]], self.corners.points[rows])
-            chosen = [_COLUMNS.index(name) for name in self.free[number]]
+            chosen = [NUMBERS.index(name) for name in self.free[number]]
             block = np.concatenate([by_numbers[..., chosen], by_points @ turned, by_points], axis=2)
             where = np.concatenate(
                 [
@@ -302,7 +303,7 @@ def adjust_bundle(
         )
     intrinsics = () if fix_intrinsics else (*INTRINSICS, *distortion_terms)
     free = [EXTRINSICS * (number > 0) + intrinsics for number in range(len(cameras))]
-    used = _drop_thin_views(corners, np.isfinite(poses).all(axis=1)[corners.view])
+    used = _drop_thin_views(corners, np.isfinite(poses[:, 0])[corners.view])
     poses = np.array(poses)
     # The first answer is not drawn by outliers; from then on it is plain least squares.
     for number in range(_MOST_ROUNDS):
@@ -392,7 +393,8 @@ def _invert_information(problem: _Problem, vector: FloatArray) -> FloatArray:
 
 def _measure_distances(cameras: Cameras, corners: CornerTable, poses: FloatArray) -> FloatArray:
     problem = _Problem(cameras, corners, [()] * len(cameras))
-    return np.linalg.norm(problem.residuals(poses.ravel()).reshape(-1, 2), axis=1)
+    residuals = problem.residuals(poses.ravel()).reshape(-1, 2)
+    return np.asarray(np.linalg.norm(residuals, axis=1))
 
 
 def _describe(

@@ -8,7 +8,7 @@ import pytest
 
 from mocap_fit.errors import DataError
 from mocap_fit.stereo import Camera, Cameras
-from mocap_fit.stereo.bundle import _COLUMNS, _Problem, _read_numbers, adjust_bundle
+from mocap_fit.stereo.bundle import NUMBERS, _Problem, _read_numbers, adjust_bundle
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def standardise(result, cameras, poses):
 
 def test_derivatives_are_those_of_differences(cameras, show_board, rng):
     corners, poses = show_board(cameras, rng, 3)
-    problem = _Problem(cameras, corners, [_COLUMNS, _COLUMNS])
+    problem = _Problem(cameras, corners, [NUMBERS, NUMBERS])
     vector = problem.gather(poses)
     assert len(vector) == 2 * 15 + 3 * 6
     jacobian = problem.jacobian(vector).toarray()
