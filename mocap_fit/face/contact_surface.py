@@ -14,7 +14,7 @@ from mocap_fit.face.distance_field import locate_nearest
 from mocap_fit.face.mesh import IndexArray
 from mocap_fit.tracks import FloatArray
 
-_njit: Any = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
+_njit: Any = numba.njit(cache=True, nogil=True, error_model="numpy")
 # Millimetres: a surface is not seen from farther, and a smooth one is smoothed over such a width.
 _REACH, _WIDTH = 5.0, 1.8
 # Triangles round two vertices, at most; millimetres by which one may be farther than another.
@@ -97,8 +97,7 @@ class Surface:
         return gaps, ways
 
 
-@_njit
-def compute_normals(points, triangles):  # type: ignore[no-untyped-def]
+def compute_normals(points: FloatArray, triangles: IndexArray) -> FloatArray:
     """Compute unit normals at the corners of triangles.
 
     Parameters
@@ -113,29 +112,13 @@ def compute_normals(points, triangles):  # type: ignore[no-untyped-def]
     ndarray
         ``(points, 3)``, no unit; 0 at a point that no triangle uses.
     """
+    first, second, third = points[triangles.T]
+    areas = np.cross(second - first, third - first)
     normals = np.zeros_like(points)
-    for t in range(len(triangles)):
-        a, b, c = triangles[t]
-        ux, uy, uz = (
-            points[b, 0] - points[a, 0],
-            points[b, 1] - points[a, 1],
-            points[b, 2] - points[a, 2],
-        )
-        vx, vy, vz = (
-            points[c, 0] - points[a, 0],
-            points[c, 1] - points[a, 1],
-            points[c, 2] - points[a, 2],
-        )
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        for corner in (a, b, c):
-            normals[corner, 0] += nx
-            normals[corner, 1] += ny
-            normals[corner, 2] += nz
-    for n in range(len(normals)):
-        length = math.sqrt(normals[n, 0] ** 2 + normals[n, 1] ** 2 + normals[n, 2] ** 2)
-        for k in range(3):
-            normals[n, k] /= max(length, 1e-12)
-    return normals
+    for corner in triangles.T:
+        np.add.at(normals, corner, areas)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(normals / np.maximum(lengths, 1e-12))
 
 
 @_njit
@@ -186,7 +169,11 @@ def _measure_gaps(  # type: ignore[no-untyped-def]
                 count += 1
         if count == 0:
             continue
-        best = distances[:count].argmin()
+        # A method of arrays would take longer to compile.
+        best = 0
+        for i in range(1, count):
+            if distances[i] < distances[best]:
+                best = i
         if on_border[best] or abs(alongs[best]) < 0.5 * distances[best]:
             continue
         gaps[n] = math.copysign(distances[best], alongs[best])

@@ -15,7 +15,7 @@ from scipy import ndimage
 from mocap_fit.face.mesh import IndexArray
 from mocap_fit.tracks import FloatArray
 
-_njit: Any = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
+_njit: Any = numba.njit(cache=True, nogil=True, error_model="numpy")
 # Distances beyond this many spacings from the surface are counted in steps of the grid.
 _EXACT = 1.8
 
@@ -123,9 +123,8 @@ def compute_fields(
         The fields.
     """
     shape = np.ceil((box[1] - box[0]) / spacing - 1e-6).astype(np.int64) + 1
-    distances, crossings = _measure_grid(
-        vertices, triangles, box[0], spacing, shape[0], shape[1], shape[2]
-    )
+    distances, crossings = np.full(shape, np.inf), np.zeros(shape, dtype=np.int32)
+    _measure_grid(vertices, triangles, box[0], spacing, distances, crossings)
     body = np.cumsum(crossings, axis=1) != 0
     last = max(round((extend - box[0][2]) / spacing), 0)
     body[:, :, :last] = body[:, :, last : last + 1]
@@ -211,14 +210,12 @@ def locate_nearest(p, a, b, c):  # type: ignore[no-untyped-def]
 
 
 @_njit
-def _measure_grid(vertices, triangles, origin, spacing, nx, ny, nz):  # type: ignore[no-untyped-def]
-    """Return distances from the triangles near them, and surfaces crossed on the way up."""
-    distances = np.full((nx, ny, nz), np.inf)
-    crossings = np.zeros((nx, ny, nz), np.int32)
+def _measure_grid(vertices, triangles, origin, spacing, distances, crossings):  # type: ignore[no-untyped-def]
+    """Measure distances from the triangles near them, and count surfaces on the way up."""
     reach = _EXACT * spacing
     a, b, c, p = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     low, high = np.empty(3, np.int64), np.empty(3, np.int64)
-    counts = (nx, ny, nz)
+    counts = distances.shape
     for t in range(len(triangles)):
         for k in range(3):
             a[k] = vertices[triangles[t, 0], k]
@@ -239,7 +236,6 @@ def _measure_grid(vertices, triangles, origin, spacing, nx, ny, nz):  # type: ig
                         squared += (p[axis] - u * a[axis] - v * b[axis] - w * c[axis]) ** 2
                     distances[i, j, k] = min(distances[i, j, k], math.sqrt(squared))
         _count_crossings(a, b, c, origin, spacing, low, high, crossings)
-    return distances, crossings
 
 
 @_njit
