@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 # Function → its module.
 _HOMES: dict[str, str] = {
     "align": "corpus_tools.conversion.align",
+    "calibrate": "corpus_tools.cameras.calibrate",
     "convert": "corpus_tools.conversion.convert",
     "demo": "corpus_tools.demonstration.demo",
     "evaluate": "corpus_tools.training.evaluate",
@@ -34,6 +35,7 @@ _HOMES: dict[str, str] = {
 }
 
 if TYPE_CHECKING:
+    from corpus_tools.cameras.calibrate import calibrate as calibrate
     from corpus_tools.conversion.align import align as align
     from corpus_tools.conversion.convert import convert as convert
     from corpus_tools.conversion.fit import fit as fit

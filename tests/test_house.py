@@ -53,6 +53,7 @@ ROOMS = {
         "json_file",
         "tasks",
         "batch",
+        "cameras",
         "conversion",
         "simulation",
         "validation",

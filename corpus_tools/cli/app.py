@@ -19,7 +19,14 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from corpus_tools.cli import console, corpus_commands, look_commands, model_commands, speak_commands
+from corpus_tools.cli import (
+    camera_commands,
+    console,
+    corpus_commands,
+    look_commands,
+    model_commands,
+    speak_commands,
+)
 from corpus_tools.cli.arguments import accept_common
 from mocap_fit._version import __version__
 
@@ -105,7 +112,13 @@ def _accept_options(
     limit_threads()
 
 
-for _module in (look_commands, corpus_commands, model_commands, speak_commands):
+for _module in (
+    look_commands,
+    camera_commands,
+    corpus_commands,
+    model_commands,
+    speak_commands,
+):
     for _name, _command in _module.COMMANDS.items():
         _reads = _name not in ("demo", "simulate")
         app.command(_name)(accept_common(_command, reads=_reads))

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -145,6 +146,43 @@ class Calibration:
         bends -= rigid @ (rigid.T @ bends)
         bent = np.einsum("ij,jk,ik->", bends, bundle.covariance, bends) / len(face)
         return float(deviation), float(np.sqrt(bent))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the numbers as JSON can hold them.
+
+        Returns
+        -------
+        dict
+            The cameras in pixels, radians and millimetres, their standard deviations, errors,
+            coverage and unused views, and the error to expect at the face.
+        """
+        bundle, errors, coverage = self.bundle, self.errors, self.coverage
+        result: dict[str, Any] = {
+            "board": str(self.board),
+            "reprojection_error": bundle.error,
+            "noise": bundle.noise,
+            "corners": len(bundle.used),
+            "outliers": int((~bundle.used).sum()),
+            "standard_deviations": bundle.standard_deviations,
+            "cameras": {
+                camera.name: {
+                    "size": camera.size,
+                    "matrix": camera.matrix,
+                    "distortion": camera.distortion,
+                    "rotation": camera.rotation,
+                    "translation": camera.translation,
+                    "reprojection_error": errors[camera.name],
+                    "coverage": coverage[camera.name],
+                    "views": len(self.views[camera.name]),
+                    "unused_views": self.unused_views[camera.name],
+                }
+                for camera in self.cameras
+            },
+        }
+        if len(self.cameras) > 1:
+            noise, bent = self.estimate_error()
+            result["expected_error_mm"] = {"noise": noise, "calibration": bent}
+        return result
 
     def __repr__(self) -> str:
         bundle, errors, coverage = self.bundle, self.errors, self.coverage
