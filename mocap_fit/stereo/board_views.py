@@ -77,6 +77,11 @@ class BoardView:
     reason: Reason | None = None
     detail: str = ""
 
+    @property
+    def is_used(self) -> bool:
+        """Whether a calibration takes it."""
+        return self.reason is None and len(self.ids) >= FEWEST_CORNERS
+
 
 def find_corners(picture: Picture, board: Board) -> BoardView:
     """Find the corners of a board in a picture.
@@ -106,6 +111,9 @@ def find_corners(picture: Picture, board: Board) -> BoardView:
         reason, detail = _diagnose(grey, board, len(ids))
         return BoardView(ids, pixels, reason, detail)
     view = BoardView(ids, pixels)
+    spread = board.points[ids] - board.points[ids].mean(axis=0)
+    if np.linalg.matrix_rank(spread) < 2:
+        return replace(view, reason=Reason.FEW, detail="all in one line")
     homography, misfit = _fit_homography(board.points[ids], pixels)
     if homography is None or misfit > _LARGEST_MISFIT * board.spacing:
         return replace(view, reason=Reason.SIZE, detail="its markers are arranged differently")
@@ -266,7 +274,7 @@ def _diagnose(grey: NDArray[np.uint8], board: Board, count: int) -> tuple[Reason
         if _is_seen(small, board):
             return Reason.BLUR, ""
     if count:
-        return Reason.FEW, f"{count}"
+        return Reason.FEW, str(count)
     contrast, slope = float(np.ptp(grey)), np.hypot(*np.gradient(grey.astype(float))).max()
     if contrast > _LEAST_CONTRAST and contrast / slope > _LARGEST_RISE:
         return Reason.BLUR, "nothing in the picture is sharp"

@@ -135,7 +135,7 @@ class Bundle:
         ]
         for camera in self.cameras:
             lines.append(repr(camera))
-            values = _read_numbers(camera)
+            values = list_numbers(camera)
             pairs = [
                 f"{name} {values[name]:.5g} ± {deviations[f'{camera.name} {name}']:.2g}"
                 for name in NUMBERS
@@ -145,13 +145,25 @@ class Bundle:
         return "\n".join(lines)
 
 
-def _read_numbers(camera: Camera) -> dict[str, float]:
+def list_numbers(camera: Camera) -> dict[str, float]:
+    """Return the numbers of a camera by their names.
+
+    Parameters
+    ----------
+    camera
+        Of any number of distortion terms; those after k3 are left out.
+
+    Returns
+    -------
+    dict of str to float
+        As `NUMBERS` names them, in radians, millimetres and pixels.
+    """
     numbers = (*camera.rotation, *camera.translation, *camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]])
     return dict(zip(NUMBERS, map(float, (*numbers, *camera.distortion[:5])), strict=True))
 
 
 def _replace_numbers(camera: Camera, changes: dict[str, float]) -> Camera:
-    numbers = _read_numbers(camera) | changes
+    numbers = list_numbers(camera) | changes
     fx, fy, cx, cy = (numbers[name] for name in INTRINSICS)
     return replace(
         camera,
@@ -189,7 +201,7 @@ class _Problem:
     def gather(self, poses: FloatArray) -> FloatArray:
         """Return the vector of the cameras' and the poses' numbers as they are."""
         numbers = [
-            _read_numbers(camera)[name]
+            list_numbers(camera)[name]
             for camera, names in zip(self.cameras, self.free, strict=True)
             for name in names
         ]

@@ -15,7 +15,14 @@ from typing import Any
 import numpy as np
 
 from mocap_fit.errors import DataError
-from mocap_fit.stereo.board_views import FEWEST_CORNERS, BoardView
+from mocap_fit.stereo.board_poses import (
+    combine_motions,
+    connect_cameras,
+    invert_motion,
+    locate_board,
+    move_point,
+)
+from mocap_fit.stereo.board_views import BoardView
 from mocap_fit.stereo.boards import Board
 from mocap_fit.stereo.bundle import NUMBERS, Bundle, CornerTable, adjust_bundle
 from mocap_fit.stereo.cameras import Camera, Cameras
@@ -114,7 +121,7 @@ class Calibration:
         bundle = self.bundle
         if centre is None:
             middle = self.board.points.mean(axis=0)
-            places = [_move(pose, middle) for pose in bundle.poses if np.isfinite(pose[0])]
+            places = [move_point(pose, middle) for pose in bundle.poses if np.isfinite(pose[0])]
             centre = np.median(places, axis=0).tolist()
         grid = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
         face = np.asarray(centre) + grid * _FACE
@@ -262,8 +269,8 @@ def calibrate_cameras(
             replace(intrinsics[name], rotation=np.zeros(3), translation=np.zeros(3))
             for name in names
         ]
-    seen = [_locate_board(camera, views[camera.name], board) for camera in alone]
-    motions = _connect(names, seen)
+    seen = [locate_board(camera, views[camera.name], board) for camera in alone]
+    motions = connect_cameras(names, seen)
     cameras = Cameras(
         tuple(
             replace(camera, rotation=motion[:3], translation=motion[3:])
@@ -274,7 +281,7 @@ def calibrate_cameras(
     poses = np.full((count, 6), np.nan)
     for motion, mine in zip(motions[::-1], seen[::-1], strict=True):
         for number, pose in mine.items():
-            poses[number] = _combine(_reverse(motion), pose)
+            poses[number] = combine_motions(invert_motion(motion), pose)
     bundle = adjust_bundle(
         cameras,
         _gather_corners(views, seen, board),
@@ -285,12 +292,8 @@ def calibrate_cameras(
     return Calibration(bundle, board, views)
 
 
-def _is_used(view: BoardView) -> bool:
-    return view.reason is None and len(view.ids) >= FEWEST_CORNERS
-
-
 def _check_views(name: str, views: Sequence[BoardView]) -> None:
-    used = sum(map(_is_used, views))
+    used = sum(view.is_used for view in views)
     if used < FEWEST_VIEWS:
         reasons = Counter(str(view.reason) for view in views if view.reason is not None)
         text = ", ".join(f"{number} {reason}" for reason, number in reasons.most_common())
@@ -311,7 +314,7 @@ def _calibrate_alone(
     """Calibrate one camera by OpenCV, in its own frame."""
     import cv2
 
-    used = [view for view in views if _is_used(view)]
+    used = [view for view in views if view.is_used]
     points = [board.points[view.ids].astype(np.float32) for view in used]
     pixels = [view.pixels.astype(np.float32) for view in used]
     # The start knows k1 and k2 only where they are wanted: more terms wait for the bundle.
@@ -328,77 +331,6 @@ def _calibrate_alone(
             f"the views of the board do not determine camera {name}",
             advice="Show the board tilted, in different directions, at different distances.",
         ) from None
-
-
-def _locate_board(
-    camera: Camera, views: Sequence[BoardView], board: Board
-) -> dict[int, FloatArray]:
-    """Return the pose of the board in each view of a camera, by the view's number."""
-    import cv2
-
-    poses = {}
-    for number, view in enumerate(views):
-        if _is_used(view):
-            is_solved, turn, shift = cv2.solvePnP(
-                board.points[view.ids], view.pixels, camera.matrix, camera.distortion
-            )
-            if is_solved and shift[2, 0] > 0:
-                poses[number] = np.concatenate([turn[:, 0], shift[:, 0]])
-    return poses
-
-
-def _connect(names: Sequence[str], seen: Sequence[Mapping[int, FloatArray]]) -> list[FloatArray]:
-    """Return the motion from the first camera to each, over the pairs that share most views."""
-    motions: dict[int, FloatArray] = {0: np.zeros(6)}
-    while len(motions) < len(names):
-        shared = {
-            (here, there): sorted(seen[here].keys() & seen[there].keys())
-            for here in motions
-            for there in range(len(names))
-            if there not in motions
-        }
-        (here, there), views = max(shared.items(), key=lambda item: len(item[1]))
-        if not views:
-            raise DataError(
-                "no view of the board connects all cameras",
-                found=[name for number, name in enumerate(names) if number not in motions],
-                expected=f"views that they share with {', '.join(names[one] for one in motions)}",
-                advice="Show the board where two cameras see it at one time; check that the "
-                "videos begin together.",
-            )
-        steps = np.array([_combine(seen[there][n], _reverse(seen[here][n])) for n in views])
-        motions[there] = _combine(_average(steps), motions[here])
-    return [motions[number] for number in range(len(names))]
-
-
-def _average(motions: FloatArray) -> FloatArray:
-    """Return the motion that is nearest to most others."""
-    import cv2
-
-    turns = np.array([cv2.Rodrigues(motion[:3])[0] for motion in motions])
-    # The chord of the angle between two rotations, about the angle where it is small.
-    angles = np.linalg.norm(turns[:, None] - turns[None], axis=(2, 3)) / np.sqrt(2)
-    scale = max(float(np.linalg.norm(np.median(motions[:, 3:], axis=0))), 1.0)
-    gaps = np.linalg.norm(motions[:, None, 3:] - motions[None, :, 3:], axis=2) / scale
-    return np.asarray(motions[np.median(angles + gaps, axis=1).argmin()])
-
-
-def _combine(second: FloatArray, first: FloatArray) -> FloatArray:
-    """Return the motion that does one after another, as rotation vector and translation."""
-    import cv2
-
-    turn, shift = cv2.composeRT(first[:3], first[3:], second[:3], second[3:])[:2]
-    return np.concatenate([turn[:, 0], shift[:, 0]])
-
-
-def _reverse(motion: FloatArray) -> FloatArray:
-    return np.concatenate([-motion[:3], -_move(np.append(-motion[:3], [0, 0, 0]), motion[3:])])
-
-
-def _move(motion: FloatArray, point: FloatArray) -> FloatArray:
-    import cv2
-
-    return np.asarray(cv2.Rodrigues(motion[:3])[0] @ point + motion[3:])
 
 
 def _gather_corners(

@@ -156,6 +156,16 @@ def test_a_board_seen_from_the_side_is_too_oblique(draw_board):
     assert view.detail == "77 degrees"
 
 
+def test_corners_in_one_line_are_too_few(draw_board):
+    """OpenCV ends with an assertion where it is to calibrate from them."""
+    board = read_board("charuco:9x4:54mm:DICT_4X4_1000")
+    picture, corners = draw_board(board)
+    picture[round(corners[8, 1]) - 4 :] = 255
+    view = find_corners(picture, board)
+    assert len(view.ids) == 8
+    assert (view.reason, view.detail) == (Reason.FEW, "all in one line")
+
+
 def test_blur_is_seen_at_the_corners(draw_board):
     board = read_board(GRID)
     picture = cv2.resize(draw_board(board)[0], None, fx=3, fy=3)

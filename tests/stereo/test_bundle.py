@@ -8,7 +8,7 @@ import pytest
 
 from mocap_fit.errors import DataError
 from mocap_fit.stereo import Camera, Cameras
-from mocap_fit.stereo.bundle import NUMBERS, _Problem, _read_numbers, adjust_bundle
+from mocap_fit.stereo.bundle import NUMBERS, _Problem, adjust_bundle, list_numbers
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def perturb(cameras: Cameras) -> Cameras:
 def standardise(result, cameras, poses):
     """Errors of all numbers in their standard deviations."""
     errors = [
-        _read_numbers(result.cameras[camera])[number] - _read_numbers(cameras[camera])[number]
+        list_numbers(result.cameras[camera])[number] - list_numbers(cameras[camera])[number]
         for camera, number in (name.split() for name in result.names)
     ]
     deviations = list(result.standard_deviations.values())
