@@ -11,6 +11,7 @@ from mocap_fit.stereo import (
     Reason,
     calibrate_cameras,
     find_corners,
+    measure_lags,
     read_board,
     read_cameras,
     triangulate,
@@ -194,6 +195,11 @@ def test_four_real_cameras(real):
     board, theirs, views = real
     result = calibrate_cameras(views, get_sizes(theirs), board, intrinsics=theirs)
     print(result)
+    # One camera's first two pictures are missing: it shows everything two pictures earlier.
+    lags = measure_lags(theirs, views, board)
+    late = measure_lags(theirs, views | {"cam_2": views["cam_2"][2:]}, board)
+    print(f"lags in frames: {lags}")
+    assert late["cam_2"] - lags["cam_2"] == pytest.approx(-2, abs=0.1)
     # That program's own is 1.66 px over all corners.
     bundle = result.bundle
     everything = np.sqrt((bundle.residuals**2).sum(axis=1).mean())
@@ -203,12 +209,12 @@ def test_four_real_cameras(real):
         for two, second in zip(result.cameras, theirs, strict=True):
             if first.name < second.name:
                 gap = np.linalg.norm(first.centre - second.centre)
-                assert np.linalg.norm(one.centre - two.centre) == pytest.approx(gap, rel=0.025)
+                assert np.linalg.norm(one.centre - two.centre) == pytest.approx(gap, rel=0.02)
                 mine = two.rotation_matrix @ one.rotation_matrix.T
                 other = second.rotation_matrix @ first.rotation_matrix.T
                 angle = np.linalg.norm(cv2.Rodrigues(mine @ other.T)[0])
                 print(f"{first.name} {second.name}: {np.degrees(angle):.2f} degrees")
-                assert np.degrees(angle) < 1.0
+                assert np.degrees(angle) < (0.7 if one is result.cameras[0] else 0.8)
     # The board's corners, found again from the pictures alone, are 54 mm apart.
     pixels = np.full((4, len(views["cam_0"]), len(board.points), 2), np.nan)
     corners = bundle.corners
@@ -221,7 +227,7 @@ def test_four_real_cameras(real):
     gaps = np.concatenate(steps) - 54
     gaps = gaps[np.isfinite(gaps)]
     print(f"{len(gaps)} distances of neighbours: RMS {np.sqrt((gaps**2).mean()):.2f} mm off 54")
-    assert np.sqrt((gaps**2).mean()) < 0.8
+    assert np.sqrt((gaps**2).mean()) < 0.65
 
 
 @pytest.mark.slow
