@@ -22,7 +22,7 @@ from mocap_fit.stereo.board_poses import (
     locate_board,
     move_point,
 )
-from mocap_fit.stereo.board_views import BoardView
+from mocap_fit.stereo.board_views import BoardView, Reason
 from mocap_fit.stereo.boards import Board
 from mocap_fit.stereo.bundle import NUMBERS, Bundle, CornerTable, adjust_bundle
 from mocap_fit.stereo.cameras import Camera, Cameras
@@ -36,6 +36,17 @@ FEWEST_VIEWS = 3
 _FIELDS = (8, 6)
 # Half the width, height and depth of a face, millimetres.
 _FACE = np.array([80.0, 110.0, 60.0])
+
+_ADVICE = {
+    Reason.MIRRORED: "Turn mirroring off in the camera's program, or print the board anew.",
+    Reason.INVERTED: "Add :inverted to the board's text, or take it away.",
+    Reason.DICTIONARY: "Name the dictionary that the board was printed with.",
+    Reason.SIZE: "Check the columns and rows of the board.",
+    Reason.MARGIN: "Leave a white margin round the markers.",
+    Reason.BLUR: "Set the focus, and move the board slowly or expose more shortly.",
+    Reason.OBLIQUE: "Turn the board towards the camera.",
+    Reason.FEW: "Show the board as a whole, and near enough.",
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -294,14 +305,23 @@ def calibrate_cameras(
 
 def _check_views(name: str, views: Sequence[BoardView]) -> None:
     used = sum(view.is_used for view in views)
-    if used < FEWEST_VIEWS:
-        reasons = Counter(str(view.reason) for view in views if view.reason is not None)
-        text = ", ".join(f"{number} {reason}" for reason, number in reasons.most_common())
-        raise DataError(
-            f"camera {name} sees the board in too few pictures",
-            found=f"{used} of {len(views)}" + (f": {text}" if text else ""),
-            expected=f"{FEWEST_VIEWS} or more",
-        )
+    if used >= FEWEST_VIEWS:
+        return
+    unused = [view for view in views if view.reason is not None]
+    reasons = Counter(view.reason for view in unused if view.reason is not None).most_common()
+    text = ", ".join(f"{number} {reason}" for reason, number in reasons)
+    advice = "Show it more often."
+    if reasons:
+        most = reasons[0][0]
+        advice = _ADVICE.get(most, advice)
+        detail = next(view.detail for view in unused if view.reason == most)
+        advice += f" Seen: {detail}." if detail else ""
+    raise DataError(
+        f"camera {name} sees the board in too few pictures",
+        found=f"{used} of {len(views)}" + (f": {text}" if text else ""),
+        expected=f"{FEWEST_VIEWS} or more",
+        advice=advice,
+    )
 
 
 def _calibrate_alone(

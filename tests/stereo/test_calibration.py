@@ -128,6 +128,11 @@ def test_what_cannot_be_calibrated_is_refused(arrange_cameras, show_board, rng):
     message = r"camera cam_1 sees the board in too few pictures \(found 2 of 4: 2 no board"
     with pytest.raises(DataError, match=message):
         calibrate_cameras(few, sizes, BOARD)
+    dark = BoardView(FAR.ids, FAR.pixels, Reason.DICTIONARY, "10 markers of DICT_6X6")
+    with pytest.raises(
+        DataError, match=r"4 wrong dictionary.*Name the.*Seen: 10 markers of DICT_6"
+    ):
+        calibrate_cameras(views | {"cam_1": [dark] * 4}, sizes, BOARD)
     with pytest.raises(DataError, match="may take this board the other way up"):
         calibrate_cameras(views, sizes, read_board("chessboard:9x7:20mm"))
     with pytest.raises(DataError, match=r"no such distortion term.*found k7"):
