@@ -31,6 +31,8 @@ _TIES = frozenset("\u035c\u0361")
 # The lips of Japanese u are pressed together at the sides.
 _COMPRESSED = "ᵝ"
 _LEFT_OUT = str.maketrans("", "", _COMPRESSED + "".join(sorted(_TIES | _RINGS)))
+# Characters of the longest entry of panphon's table.
+_LONGEST_SOUND = 8
 # What stands for an IPA letter where it is not on the keyboard or in the font.
 _LOOK_ALIKES = str.maketrans("g:αγδεϵιλυφϕΦϐꞵϑꭓꭕı", "ɡːɑɣðɛɛɪʎʊɸɸɸββθχχɪ")
 
@@ -65,7 +67,7 @@ def compute_phone(symbol: str) -> Phone | None:
     text = text.translate(_LEFT_OUT)
     parts = _split_sounds(text, table)
     # A tone by itself is no sound.
-    if not 1 <= len(parts) <= 2 or not text[0].isalpha():
+    if not parts or not text[0].isalpha():
         return None
     sounds = [(part, table[part]) for part in parts]
     if sounds[0][1]["syl"] == 1 and sounds[0][1]["cons"] == -1:
@@ -97,10 +99,11 @@ def _create_phone(symbol: str, kind: PhoneClass, values: dict[str, float]) -> Ph
 
 
 def _split_sounds(text: str, table: Mapping[str, object]) -> list[str]:
-    """Split a text into sounds of the table, the longest first; empty where that cannot be done."""
-    parts = []
+    """Split a text into one or two sounds of the table, the longest first; empty for all else."""
+    parts: list[str] = []
     while text:
-        length = next((n for n in range(len(text), 0, -1) if text[:n] in table), 0)
+        longest = min(len(text), _LONGEST_SOUND) if len(parts) < 2 else 0
+        length = next((n for n in range(longest, 0, -1) if text[:n] in table), 0)
         if not length:
             return []
         parts.append(text[:length])
