@@ -87,8 +87,11 @@ class DistanceField:
         totals
             Sizes of the pushes, ``(points,)``, millimetres.
         """
+        rotation, shift = pose
+        pushes = np.zeros_like(points)
         grid = (self.origin, self.spacing, self.values)
-        _push(points, pairs, parts, least, *pose, *grid, sums, totals)
+        _push((points - shift) @ rotation, pairs, parts, least, *grid, pushes, totals)
+        sums += pushes @ rotation.T
 
 
 def compute_fields(
@@ -290,6 +293,19 @@ def _interpolate(x, y, z, origin, spacing, values, direction):  # type: ignore[n
 
 
 @_njit
+def _is_far(x, y, z, least, origin, spacing, values):  # type: ignore[no-untyped-def]
+    """Return whether one node next to a point says that it is far: most points are."""
+    i = math.floor((x - origin[0]) / spacing)
+    j = math.floor((y - origin[1]) / spacing)
+    k = math.floor((z - origin[2]) / spacing)
+    nx, ny, nz = values.shape
+    if i < 0 or j < 0 or k < 0 or i >= nx or j >= ny or k >= nz:
+        return False
+    # The other seven are at most a diagonal from it.
+    return values[i, j, k] - 2.0 * spacing > least
+
+
+@_njit
 def _sample(points, origin, spacing, values):  # type: ignore[no-untyped-def]
     distances, directions = np.empty(len(points)), np.zeros((len(points), 3))
     for n in range(len(points)):
@@ -299,26 +315,20 @@ def _sample(points, origin, spacing, values):  # type: ignore[no-untyped-def]
 
 
 @_njit
-def _push(  # type: ignore[no-untyped-def]
-    points, pairs, parts, least, rotation, shift, origin, spacing, values, sums, totals
-):
-    """Add what brings points between pairs of points out of a body, weighted by its size."""
-    at, direction, push = np.empty(3), np.empty(3), np.empty(3)
+def _push(points, pairs, parts, least, origin, spacing, values, sums, totals):  # type: ignore[no-untyped-def]
+    """Add what brings points between pairs of points out of a body at rest, weighted by its size."""
+    direction = np.empty(3)
     for n in range(len(pairs)):
-        first, second = pairs[n]
-        for k in range(3):
-            at[k] = (1.0 - parts[n]) * points[first, k] + parts[n] * points[second, k] - shift[k]
-        x = at[0] * rotation[0, 0] + at[1] * rotation[1, 0] + at[2] * rotation[2, 0]
-        y = at[0] * rotation[0, 1] + at[1] * rotation[1, 1] + at[2] * rotation[2, 1]
-        z = at[0] * rotation[0, 2] + at[1] * rotation[1, 2] + at[2] * rotation[2, 2]
+        first, second, part = pairs[n, 0], pairs[n, 1], parts[n]
+        x = (1.0 - part) * points[first, 0] + part * points[second, 0]
+        y = (1.0 - part) * points[first, 1] + part * points[second, 1]
+        z = (1.0 - part) * points[first, 2] + part * points[second, 2]
+        if _is_far(x, y, z, least[n], origin, spacing, values):
+            continue
         amount = least[n] - _interpolate(x, y, z, origin, spacing, values, direction)
         if amount <= 0.0:
             continue
-        for k in range(3):
-            push[k] = 0.0
-            for j in range(3):
-                push[k] += amount * rotation[k, j] * direction[j]
-        for vertex, share in ((first, 1.0 - parts[n]), (second, parts[n])):
+        for vertex, share in ((first, 1.0 - part), (second, part)):
             totals[vertex] += share * amount
             for k in range(3):
-                sums[vertex, k] += share * amount * push[k]
+                sums[vertex, k] += share * amount * amount * direction[k]
