@@ -205,9 +205,10 @@ def main() -> None:
         print(json.dumps(rows, ensure_ascii=False))
         return
     print(
-        "| language | model | judged on | bilabials | closed, % | open vowels | flattened | mm/s |"
+        "| language | model | judged on | bilabials | closed, % | f and v | at teeth, % "
+        "| open vowels | flattened | mm/s |"
     )
-    print("|---|---|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|---|---|---|")
     for row in rows:
         default = "*" if row["model"] == choose_default(row["language"]) else ""
         print(

@@ -316,7 +316,7 @@ def _sample(points, origin, spacing, values):  # type: ignore[no-untyped-def]
 
 @_njit
 def _push(points, pairs, parts, least, origin, spacing, values, sums, totals):  # type: ignore[no-untyped-def]
-    """Add what brings points between pairs of points out of a body at rest, weighted by its size."""
+    """Add what brings points between pairs of points out of a body, weighted by its size."""
     direction = np.empty(3)
     for n in range(len(pairs)):
         first, second, part = pairs[n, 0], pairs[n, 1], parts[n]
