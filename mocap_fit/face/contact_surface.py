@@ -174,7 +174,7 @@ def _measure_gaps(  # type: ignore[no-untyped-def]
         for i in range(1, count):
             if distances[i] < distances[best]:
                 best = i
-        if on_border[best] or abs(alongs[best]) < 0.8 * distances[best]:
+        if on_border[best] or abs(alongs[best]) < 0.6 * distances[best]:
             continue
         gaps[n] = math.copysign(distances[best], alongs[best])
         # Where several are nearly as near, the way out is between theirs.
