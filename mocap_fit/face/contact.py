@@ -33,9 +33,8 @@ _LIPS_TO_TEETH, _TONGUE_TO_TEETH = (0.3, 0.3), (0.4, 0.6)
 _LIP_TO_LIP, _TONGUE_TO_LIP = 0.04, 0.3
 # How far lips and tongue are carried along with what is pushed: standard deviations, and the end.
 _LIP_SPREAD, _TONGUE_SPREAD, _END = 4.5, 6.0, 15.0
-# Millimetres: so deep lips are in each other may be left to exact distances; what those call
-# deeper than the second is a fold of the corner, not the other lip.
-_SHALLOW, _FOLD = 0.45, 1.0
+# Millimetres: so deep lips are in each other may be left to exact distances.
+_SHALLOW = 0.45
 # Millimetres: longer edges are tested at more than their middles.
 _LONG = 3.0
 # Pressed lips come forwards by this share of what is pressed.
@@ -203,11 +202,8 @@ class Contact:
         """Return what brings lips out of each other, half of it for each, ``(red, 3)``."""
         normals = compute_normals(points, self.surfaces[2].triangles)
         gaps, ways = self.measure_lips(points, normals, smooth=smooth)
-        if smooth:
-            depths = -_SHALLOW - gaps
-        else:
-            depths = np.where(gaps < -_FOLD, 0.0, self.lip_clearance - gaps)
-        return np.asarray(0.5 * np.maximum(depths, 0.0)[:, None] * ways)
+        least = -_SHALLOW if smooth else self.lip_clearance
+        return np.asarray(0.5 * np.maximum(least - gaps, 0.0)[:, None] * ways)
 
     def measure_lips(
         self, points: FloatArray, normals: FloatArray, *, smooth: bool = False

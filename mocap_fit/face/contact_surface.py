@@ -174,7 +174,9 @@ def _measure_gaps(  # type: ignore[no-untyped-def]
         for i in range(1, count):
             if distances[i] < distances[best]:
                 best = i
-        if on_border[best] or abs(alongs[best]) < 0.6 * distances[best]:
+        # Far from straight, and deep: the fold of a corner, not the other lip.
+        straight = 0.6 if distances[best] < 1.0 else 0.8
+        if on_border[best] or abs(alongs[best]) < straight * distances[best]:
             continue
         gaps[n] = math.copysign(distances[best], alongs[best])
         # Where several are nearly as near, the way out is between theirs.
