@@ -77,6 +77,7 @@ def test_a_seed_and_a_phone_give_the_folds_whatever_else_is_in_the_corpus(small)
 # -- how strongly to prune -------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_alphas_between_the_steps_of_a_tree_are_geometric_means(small):
     """Breiman et al. section 3.4.2; each is judged by all folds of the tree."""
     checked = 0
@@ -116,6 +117,7 @@ def test_trees_that_are_pruned_alone_have_the_alpha_of_their_least_error():
     assert np.isnan(model.ccp_alpha_)
 
 
+@pytest.mark.slow
 def test_all_folds_of_a_small_corpus_judge_all_trees_together():
     small = grower(corpus(rounded_ahead, count=6, length=12, noise=0.1, vocabulary=["A", "P", "L"]))
     prepared = [data for data in small.prepare(True) if not data.key.pooled]

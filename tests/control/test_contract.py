@@ -236,6 +236,7 @@ def test_a_saved_model_is_the_same_model(name, trained, new_phones, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["again.npz", "model.npz"]
 
 
+@pytest.mark.slow
 def test_models_predict_the_same_in_a_fresh_process(trained, new_phones, tmp_path):
     wanted = {}
     for name in control.names():

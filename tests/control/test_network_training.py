@@ -93,6 +93,7 @@ def error_of_range(model, corpus):
 # -- what is learned ---------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_networks_of_the_same_form_are_learned():
     groups = {"lips": ("open", "round"), "jaw": ("down",)}
     corpus = told_by_networks(sentences(32), groups.values(), (4, 4), behind=5, ahead=5)
@@ -379,6 +380,7 @@ def test_the_sweep_tells_what_separate_networks_would(small_corpus, small_valida
         assert point.error == pytest.approx(least, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_seeing_ahead_helps_where_the_tracks_move_early():
     corpus = told_by_networks(sentences(24, 12), [("open",)], (6,), behind=2, ahead=4)
     training, held_out = corpus.hold_out(0.2)

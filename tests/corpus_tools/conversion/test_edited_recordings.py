@@ -139,6 +139,7 @@ class TestConvert:
         assert set(refused) == {third.stem}
         assert "another recording" in refused[third.stem]
 
+    @pytest.mark.slow
     def test_a_phone_that_is_not_in_the_set_is_refused(self, lab, tmp_path):
         folder = tmp_path / "lab"
         shutil.copytree(lab, folder)

@@ -66,6 +66,7 @@ def square(shared, item, told):
 
 
 class TestTheSameWhoeverDoesIt:
+    @pytest.mark.slow
     def test_bytes_report_and_messages(self, folder, undisturbed, tmp_path, capsys):
         bad = tmp_path / "sim000.tsv"
         bad.write_bytes(folder.recordings[0].read_bytes()[:300])
@@ -90,6 +91,7 @@ class TestTheSameWhoeverDoesIt:
         assert str(absent) in said[0]
         assert str(bad) in said[-1]
 
+    @pytest.mark.slow
     def test_a_warning_names_its_recording(self, folder, tmp_path, capsys):
         recording = tmp_path / "few.tsv"
         text = folder.recordings[0].read_text("utf-8").splitlines()

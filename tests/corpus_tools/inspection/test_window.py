@@ -147,6 +147,7 @@ def test_the_head_moves_with_its_motion_where_wanted(window):
     assert np.nanmedian(window.stage.residuals) < 1.0
 
 
+@pytest.mark.slow
 def test_an_edit_is_undone_redone_and_saved(window, recording):
     window.drag(*locate(window, "waveform", 0.5), *locate(window, "waveform", 1.0))
     window.stage.picked = "lip_upper_mid"

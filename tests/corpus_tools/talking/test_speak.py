@@ -249,6 +249,7 @@ class TestLabelsAndTracks:
         without = call[: call.index("--reference")]
         assert run(*without, "--layout", session.layout, "--out", tmp_path / "a") == 2
 
+    @pytest.mark.slow
     def test_a_head_lives_as_its_seed_says_but_not_where_it_was_measured(self, tmp_path):
         segments = (PhoneSegment(0.0, 0.9, "sil"),)
         write_labels(to_labels(PhoneSequence(segments)), tmp_path / "silence.TextGrid")
@@ -517,6 +518,7 @@ class TestExport:
         assert json.loads(capsys.readouterr().out)["frames"] == 20
         assert out.stat().st_size > 500
 
+    @pytest.mark.slow
     def test_gltf_in_text_is_what_it_is_in_binary(self, tmp_path, tracks):
         for name in ("a.glb", "a.gltf"):
             assert run("export", tracks, "--to", "gltf", "--out", tmp_path / name) == 0

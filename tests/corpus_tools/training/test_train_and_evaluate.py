@@ -127,6 +127,7 @@ def test_the_protocols_take_their_own_parts(corpus_folder):
     assert (len(training), len(held_out)) == (18, 6)
 
 
+@pytest.mark.slow
 def test_a_model_of_the_papers_protocol_is_marked(corpus_folder, models, tmp_path, capsys):
     paper, out = tmp_path / "paper.npz", tmp_path / "scores"
     call = ["train", str(corpus_folder), "--model", "phone-mean", "--out", str(paper)]
@@ -235,6 +236,7 @@ def test_a_sweep_tells_the_error_of_every_look_ahead(corpus_folder, tmp_path, ca
     assert cli.main(["train", str(corpus_folder), "--out", str(out)]) == 2
 
 
+@pytest.mark.slow
 def test_dominance_functions_are_drawn(corpus_folder, tmp_path):
     model = tmp_path / "cm.model"
     call = ["train", str(corpus_folder), "--model", "cohen-massaro", "--out", str(model)]
