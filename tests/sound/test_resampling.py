@@ -6,7 +6,6 @@ from scipy.signal import resample_poly
 
 from mocap_fit.sound import resample
 
-
 SLOW = pytest.param(9999991, marks=pytest.mark.slow)
 
 
