@@ -15,7 +15,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 from mocap_fit.errors import (
     DEBUG_VARIABLE,
@@ -100,17 +100,18 @@ def run_guarded(action: Callable[[], object]) -> int:
                 status = Status.DONE
             sys.stdout.flush()
     except (ReaderGoneError, BrokenPipeError):
-        _close_stdout_quietly()
+        _close_quietly(sys.stdout)
         status = Status.READER_GONE
     except (Exception, KeyboardInterrupt) as error:
         status = _report_end(error)
     finally:
         _interrupts.clear()
         # What cannot be written now would be tried again when the process ends.
-        try:
-            sys.stdout.flush()
-        except (OSError, ValueError):
-            _close_stdout_quietly()
+        for stream in (sys.stdout, sys.stderr):
+            try:
+                stream.flush()
+            except (OSError, ValueError, AttributeError):
+                _close_quietly(stream)
     return int(status)
 
 
@@ -339,9 +340,9 @@ def open_standard_streams() -> None:
     sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
 
 
-def _close_stdout_quietly() -> None:
+def _close_quietly(stream: TextIO) -> None:
     """Let the interpreter's last flush go nowhere, or it would print an error."""
     with contextlib.suppress(OSError, ValueError, AttributeError):
         null = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(null, sys.stdout.fileno())
+        os.dup2(null, stream.fileno())
         os.close(null)
