@@ -22,7 +22,6 @@ from corpus_tools.inspection.paint import (
     fit_text,
 )
 
-TABS = ("findings", "utterances", "parameters", "markers", "edits", "keys")
 _TAB_HEIGHT = 26
 _LINE = 17
 _INFO_LINE = 18

@@ -19,9 +19,9 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from mocap_fit.face.contact_surface import Surface, compute_normals
+from mocap_fit.face.contact_surface import Surface
 from mocap_fit.face.distance_field import DistanceField, compute_fields
-from mocap_fit.face.mesh import IndexArray, Mesh, list_edges
+from mocap_fit.face.mesh import IndexArray, Mesh, compute_normals, list_edges
 from mocap_fit.tracks import FloatArray
 
 # Rotation and shift from rest.

@@ -97,30 +97,6 @@ class Surface:
         return gaps, ways
 
 
-def compute_normals(points: FloatArray, triangles: IndexArray) -> FloatArray:
-    """Compute unit normals at the corners of triangles.
-
-    Parameters
-    ----------
-    points
-        Positions, ``(points, 3)``, millimetres.
-    triangles
-        ``(triangles, 3)``, indices of points.
-
-    Returns
-    -------
-    ndarray
-        ``(points, 3)``, no unit; 0 at a point that no triangle uses.
-    """
-    first, second, third = points.T[:, triangles.T].transpose(1, 0, 2)
-    (ax, ay, az), (bx, by, bz) = second - first, third - first
-    areas = np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-    corners, count = triangles.ravel(), len(points)
-    normals = np.stack([np.bincount(corners, np.repeat(area, 3), count) for area in areas], axis=1)
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.asarray(normals / np.maximum(lengths, 1e-12))
-
-
 @_njit
 def _measure_gaps(  # type: ignore[no-untyped-def]
     points, surface, normals, triangles, starts, around, border, reach

@@ -237,14 +237,7 @@ class Mesh:
             Normals that point outwards, ``(vertices, 3)``, without unit; 0 at a vertex that no
             triangle of any area uses.
         """
-        vertices = self.vertices if vertices is None else vertices
-        a, b, c = (vertices[self.triangles[:, corner]] for corner in range(3))
-        across = np.cross(b - a, c - a)
-        corners, count = self.triangles.ravel(), len(vertices)
-        sums = [np.bincount(corners, np.repeat(across[:, i], 3), count) for i in range(3)]
-        normals = np.stack(sums, axis=1)
-        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-        return np.asarray(normals / np.maximum(lengths, 1e-12))
+        return compute_normals(self.vertices if vertices is None else vertices, self.triangles)
 
     def replace_vertices(self, vertices: FloatArray) -> Mesh:
         """Return the same mesh in another shape.
@@ -260,6 +253,30 @@ class Mesh:
             With the same triangles, parts, regions, feature points and colours.
         """
         return replace(self, vertices=vertices)
+
+
+def compute_normals(points: FloatArray, triangles: IndexArray) -> FloatArray:
+    """Compute unit normals at the corners of triangles, weighted by the triangles' areas.
+
+    Parameters
+    ----------
+    points
+        Positions, ``(points, 3)``, millimetres.
+    triangles
+        ``(triangles, 3)``, indices of points.
+
+    Returns
+    -------
+    ndarray
+        ``(points, 3)``, no unit; 0 at a point that no triangle of any area uses.
+    """
+    first, second, third = points.T[:, triangles.T].transpose(1, 0, 2)
+    (ax, ay, az), (bx, by, bz) = second - first, third - first
+    areas = np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+    corners, count = triangles.ravel(), len(points)
+    normals = np.stack([np.bincount(corners, np.repeat(area, 3), count) for area in areas], axis=1)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(normals / np.maximum(lengths, 1e-12))
 
 
 def list_edges(triangles: IndexArray) -> IndexArray:

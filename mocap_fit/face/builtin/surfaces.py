@@ -90,27 +90,6 @@ def join_pieces(pieces: Sequence[Piece]) -> Piece:
     )
 
 
-def triangulate_grid(rows: int, columns: int) -> IndexArray:
-    """Triangulate a grid of vertices that are stored row by row.
-
-    Parameters
-    ----------
-    rows, columns
-        Size of the grid. Seen from the side where the rows run up and the columns run to the left,
-        the triangles are counter-clockwise.
-
-    Returns
-    -------
-    ndarray
-        Vertex indices, ``(triangles, 3)``.
-    """
-    here = np.arange(rows * columns).reshape(rows, columns)[:-1, :-1].ravel()
-    above = here + columns
-    return np.concatenate(
-        [np.stack([here, above, above + 1], axis=1), np.stack([here, above + 1, here + 1], axis=1)]
-    )
-
-
 def triangulate_strip(outer: IndexArray, inner: IndexArray, *, closed: bool = True) -> IndexArray:
     """Triangulate the strip between two rings of equally many vertices, or twice as many inside.
 
